@@ -13,7 +13,6 @@ import duckdb
 import numpy as np
 import pytest
 from pyarrow import parquet
-from rosbags.highlevel import AnyReader
 
 from softgrip_bag import report
 from softgrip_bag.archive import Archive, connect, shipped_queries
@@ -24,6 +23,9 @@ from softgrip_bag.commands import query
 from softgrip_bag.nodes.commands import archive as command
 from softgrip_bag.nodes.digest import digest
 from softgrip_bag.statistics import statistics
+
+pytest.importorskip("rosbags")
+from rosbags.highlevel import AnyReader
 
 BAGS = Path(__file__).parent / "bags"
 NAMES = ("calibration", "closings", "frames", "grasps", "shapes")

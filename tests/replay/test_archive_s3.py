@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rosbags.highlevel import AnyReader
 
 from softgrip_bag.archive import Archive
 from softgrip_bag.archive.store import bag_digest
 from softgrip_bag.commands import query
 from softgrip_bag.nodes.commands import archive as command
+
+pytest.importorskip("rosbags")
+from rosbags.highlevel import AnyReader
 
 pytest.importorskip("s3fs", reason="make s3-setup")
 boto3 = pytest.importorskip("boto3", reason="make s3-setup")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The layouts for Lichtblick / Foxglove and PlotJuggler show topics and fields that exist."""
+"""The layouts for Lichtblick / Foxglove, PlotJuggler and RViz show topics and fields that exist."""
 
 from __future__ import annotations
 
@@ -11,17 +11,28 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from softgrip_bag.nodes.messages import message_class
 from softgrip_bag.reader import topic_summaries
 
 ROOT = Path(__file__).resolve().parents[2]
 LAYOUTS = ROOT / "ros2_ws/src/softgrip_bag/layouts"
+RVIZ = ROOT / "ros2_ws/src/softgrip_description/rviz/hand.rviz"
 #: `foo`, `foo[0]`, `foo[:]{finger=="index"}`
 _STEP = re.compile(r"(?P<name>[a-z_]\w*)(?P<index>\[(?:\d+|:)\])?(?:\{(?P<key>\w+)==[^}]+\})?")
 #: PlotJuggler names a joint's values by its name.
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _JOINT_VALUES = {"position", "velocity", "effort"}
+#: What a display of rviz_default_plugins subscribes to. Source: its plugins_description.xml in ros2/rviz;
+#: Image goes through image_transport, which takes the last part of the name for its transport
+#: (src/rviz_default_plugins/displays/image/get_transport_from_topic.cpp).
+_SHOWS = {
+    "RobotModel": "std_msgs/msg/String",
+    "Marker": "visualization_msgs/msg/Marker",
+    "MarkerArray": "visualization_msgs/msg/MarkerArray",
+}
+_TRANSPORTS = {"raw": "sensor_msgs/msg/Image", "compressed": "sensor_msgs/msg/CompressedImage"}
 
 
 #: Too large for a small bag, or younger than the shipped ones.
@@ -112,6 +123,24 @@ def test_everything_shown_exists(layout: Any) -> None:
         assert topic in types, f"{topic} is in no recorded bag"
         if steps:
             assert field_problem(types[topic], steps) == "", topic
+
+
+def rviz_displays() -> list[dict[str, Any]]:
+    """Return the displays of the RViz configuration that have a topic."""
+    displays = yaml.safe_load(RVIZ.read_text())["Visualization Manager"]["Displays"]
+    return [one for one in displays if "Topic" in one or "Description Topic" in one]
+
+
+def test_rviz_shows_topics_that_exist_with_the_type_that_it_expects() -> None:
+    types = recorded_types()
+    shown = rviz_displays()
+    assert len(shown) == 4
+    for display in shown:
+        kind = display["Class"].removeprefix("rviz_default_plugins/")
+        topic = display.get("Topic") or display["Description Topic"]
+        assert not topic["Value"].startswith("/"), "a cell's topics are in its namespace"
+        expected = _SHOWS.get(kind) or _TRANSPORTS.get(topic["Value"].rpartition("/")[2], _TRANSPORTS["raw"])
+        assert types.get(f"/{topic['Value']}") == expected, display["Name"]
 
 
 def test_every_panel_has_its_place() -> None:

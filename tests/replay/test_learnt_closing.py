@@ -7,13 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
 from softgrip_model.finger.matching import SPAN_NS, TendonInput
 from softgrip_model.finger.session import MeasuredFinger, Session
 from softgrip_model.finger.wear import WearSettings
 from softgrip_model.profile import load_directory, shipped_directory
+
+pytest.importorskip("mcap_ros2")
+from mcap_ros2.decoder import DecoderFactory
 
 BAG = Path(__file__).resolve().parent / "bags" / "closings"
 TENDONS, MEASURED = "/tendon/state", "/finger/measured"

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from pyarrow import parquet
 
 from softgrip_bag.episode import TendonCommand, commanded
@@ -20,6 +19,9 @@ from softgrip_bag.errors import BagError
 from softgrip_bag.lerobot import IMAGE, write_lerobot
 from softgrip_bag.nodes.commands import export
 from softgrip_bag.nodes.recorded_episodes import recorded_episodes
+
+pytest.importorskip("mcap_ros2")
+from mcap_ros2.decoder import DecoderFactory
 
 BAG = Path(__file__).resolve().parent / "bags" / "grasps"
 RATE_HZ = 20

@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
 from softgrip_bag.nodes.commands import export
 from softgrip_bag.nodes.digest import digest
 from softgrip_bag.nodes.recorded_scene import recorded_scene
 from softgrip_bag.scene import FingerBase, SceneEvent, finger_points
+
+pytest.importorskip("mcap_ros2")
+from mcap_ros2.decoder import DecoderFactory
 
 BAGS = Path(__file__).resolve().parent / "bags"
 

@@ -9,11 +9,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-import zenoh
-import zenoh.ext
 
 from softgrip_security.policy import Grant, Policy, PolicyIdentity, read_policy
 from softgrip_testing.waiting import wait_until
+
+pytest.importorskip("zenoh")
+import zenoh
+import zenoh.ext
 
 NAMES = [one.name for one in read_policy().identities]
 

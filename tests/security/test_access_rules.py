@@ -7,10 +7,12 @@ import json
 from pathlib import Path
 
 import pytest
-import zenoh
 
 from softgrip_security.policy import Grant, Policy, PolicyIdentity
 from softgrip_security.zenoh_access import access_control, router_config, session_config
+
+pytest.importorskip("zenoh")
+import zenoh
 
 network = pytest.importorskip("embedded_ros.network", reason="ROS 2 has defaults of its own")
 

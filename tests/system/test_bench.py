@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+pytest.importorskip("rosbags")
 from rosbags.highlevel import AnyReader
 
 #: Emulated servos answer later than real ones and, on a busy machine, live more slowly: this bench's own file says so.

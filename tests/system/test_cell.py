@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+pytest.importorskip("rosbags")
 from rosbags.highlevel import AnyReader
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rosbags.highlevel import AnyReader
 
 from softgrip_bag.nodes.replay import NODES, check
 from softgrip_testing.waiting import wait_until
+
+pytest.importorskip("rosbags")
+from rosbags.highlevel import AnyReader
 
 ROOT = Path(__file__).resolve().parents[2]
 CELL = ("ros2", "launch", "softgrip_bringup", "cell.launch.yaml")

@@ -13,10 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from selenium.webdriver.common.keys import Keys
 
 from softgrip_cell.storage import Database, Library
 from softgrip_testing.browser import PanelBrowser
+
+pytest.importorskip("nicegui", reason="make panel-setup")
+pytest.importorskip("selenium", reason="make panel-setup")
+from selenium.webdriver.common.keys import Keys
 
 #: The button that is there while the rig asks for a point.
 ASKED = "[data-name='rig-done']:not(.hidden)"

@@ -6,11 +6,15 @@ from __future__ import annotations
 import ast
 import re
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
 import yaml
+
+from softgrip_description import ros2_control
 
 ROOT = Path(__file__).resolve().parents[2]
 WORKSPACE = ROOT / "ros2_ws" / "src"
@@ -24,9 +28,11 @@ KEYS = {
     "cv2": "python3-opencv",
     "dynamixel_sdk": "dynamixel_sdk",
     "gymnasium": "python3-gymnasium-pip",
+    "hypothesis": "python3-hypothesis",
     "jinja2": "python3-jinja2",
     "lz4": "python3-lz4",
     "mcap": "python3-mcap-pip",
+    "mujoco": "python3-mujoco-pip",
     "meshio": "python3-meshio",
     "pyarrow": "python3-pyarrow-pip",
     "duckdb": "python3-duckdb-pip",
@@ -34,7 +40,9 @@ KEYS = {
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
     "numpy": "python3-numpy",
+    "pytest": "python3-pytest",
     "rich": "python3-rich",
+    "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "serial": "python3-serial",
     "sqlalchemy": "python3-sqlalchemy",
@@ -55,28 +63,34 @@ OPTIONAL = {
 }
 #: Folder, modules: what only the operator's page needs; softgrip_panel/nodes/panel.py says how to get them.
 OPTIONAL_FOLDERS = {"softgrip_panel/web": {"fastapi", "nicegui", "segno", "starlette", "uvicorn"}}
-#: CMake package or library -> rosdep key; Python, OpenMP and threads come with the compiler and ROS.
+#: CMake package or library -> rosdep key; OpenMP and threads come with the compiler.
 LIBRARIES = {
     "Eigen3": "eigen",
+    "Python": "python3-dev",
     "GTest": "gtest",
     "pybind11": "pybind11-dev",
     "hwy": "libhwy-dev",
     "metis": "libmetis-dev",
 }
+#: Namespace of a controller's type -> package that has it, where they differ. Source: ros2_controllers (branch jazzy),
+#: parallel_gripper_controller/ros_control_plugins.xml.
+CONTROLLERS_OF = {"parallel_gripper_action_controller": "parallel_gripper_controller"}
 #: What the packages with a C++ core build with.
 SHARED_CMAKE = WORKSPACE / "softgrip_cmake" / "cmake" / "softgrip_cmakeConfig.cmake"
 #: Keys and packages of Jazzy that package.xml files name, looked up in rosdep/*.yaml and jazzy/distribution.yaml of
 #: github.com/ros/rosdistro (snapshot of 22 Aug 2026). Any other one is in rosdep/softgrip.yaml or is a mistake.
 IN_ROSDISTRO = {
     "action_msgs", "ament_cmake", "ament_cmake_pytest", "ament_cmake_python", "ament_index_python",
-    "builtin_interfaces", "cmake", "control_msgs", "diagnostic_msgs", "dynamixel_sdk", "eigen", "geometry_msgs",
-    "gtest", "launch", "launch_testing",
-    "launch_yaml", "lifecycle_msgs", "pybind11-dev", "python3-cryptography", "python3-jinja2",
-    "python3-matplotlib", "python3-meshio", "python3-numpy", "python3-opencv", "python3-pytest", "python3-rich",
-    "python3-scipy", "python3-serial", "python3-sqlalchemy", "python3-yaml", "rcl_interfaces", "rclpy",
-    "ros2launch", "rosgraph_msgs", "rosidl_default_generators", "rosidl_default_runtime",
-    "rosidl_interface_packages", "sensor_msgs", "std_msgs", "std_srvs", "tf2_msgs", "trajectory_msgs",
-    "visualization_msgs",
+    "builtin_interfaces", "cmake", "compressed_image_transport", "control_msgs", "controller_manager",
+    "diagnostic_msgs", "dynamixel_sdk", "eigen", "geometry_msgs", "gtest", "joint_state_broadcaster",
+    "joint_state_topic_hardware_interface", "launch", "launch_testing", "launch_yaml", "lifecycle_msgs",
+    "parallel_gripper_controller", "pybind11-dev", "python3-cryptography", "python3-dev", "python3-gymnasium-pip",
+    "python3-hypothesis", "python3-jinja2", "python3-matplotlib", "python3-meshio", "python3-mujoco-pip",
+    "python3-numpy", "python3-opencv", "python3-pytest", "python3-pytest-timeout", "python3-rich",
+    "python3-rosbags-pip", "python3-scipy", "python3-serial", "python3-sqlalchemy", "python3-yaml",
+    "rcl_interfaces", "rclpy", "ros2launch", "rosgraph_msgs", "rosidl_default_generators",
+    "rosidl_default_runtime", "rosidl_interface_packages", "rviz2", "sensor_msgs", "std_msgs", "std_srvs",
+    "tf2_msgs", "trajectory_msgs", "visualization_msgs",
 }  # fmt: skip
 
 
@@ -139,6 +153,106 @@ def test_every_import_is_declared(package: str) -> None:
     assert missing == []
 
 
+def imports_of_a_test(tree: ast.Module) -> dict[str, int]:
+    """Return top-level module -> line of what a test file can not be collected without: not what it checks for."""
+    found: dict[str, int] = {}
+    checked: set[str] = set()
+    for node in tree.body:
+        checked |= {
+            str(call.args[0].value).split(".")[0]
+            for call in ast.walk(node)
+            if isinstance(call, ast.Call) and ast.unparse(call.func) == "pytest.importorskip"
+            and isinstance(call.args[0], ast.Constant)
+        }  # fmt: skip
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [node.module]
+        for top in {name.split(".")[0] for name in names} - checked - {*sys.stdlib_module_names, "__future__"}:
+            found.setdefault(top, node.lineno)
+    return found
+
+
+TEST_FOLDERS = [*sorted(path for path in WORKSPACE.glob("*/test")), ROOT / "tests"]
+
+
+@pytest.mark.parametrize("folder", TEST_FOLDERS, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_import_of_a_test_is_declared_or_checked_for(folder: Path) -> None:
+    """What rosdep installs is enough to collect every test; what it has no key for is skipped."""
+    kinds = ("depend", "exec_depend", "test_depend")
+    packages = [folder.parent.name] if folder.parent.name in PACKAGES else PACKAGES
+    keys = {key for package in packages for key in declared(package, *kinds)}
+    beside = {path.stem for path in folder.rglob("*.py")}
+    missing = [
+        f"{path.relative_to(ROOT)}:{line}: imports {module}; expected its key as test_depend, or pytest.importorskip"
+        for path in sorted(folder.rglob("*.py"))
+        for module, line in imports_of_a_test(ast.parse(path.read_text())).items()
+        # packages of this workspace are built together; a test_depend on those for tests would close a circle
+        if module not in PACKAGES and module not in beside and KEYS.get(module, module) not in keys
+    ]
+    assert missing == []
+
+
+def test_what_every_test_needs_is_declared() -> None:
+    """conftest.py takes hypothesis, pyproject.toml has a time-out: every package with tests says so."""
+    for folder in TEST_FOLDERS[:-1]:
+        assert {"python3-pytest", "python3-pytest-timeout", "python3-hypothesis"} <= declared(
+            folder.parent.name, "test_depend"
+        ), folder
+
+
+def started(value: Any) -> Iterator[str]:
+    """Yield the packages whose programs, files or plugins a launch file or a file of controllers names."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            if key in {"pkg", "type"} and isinstance(inner, str):
+                yield CONTROLLERS_OF.get(inner.split("/")[0], inner.split("/")[0])
+            yield from started(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from started(inner)
+    elif isinstance(value, str):
+        yield from re.findall(r"\$\((?:find-pkg-share|exec-in-pkg \w+) (\w+)\)", value)
+
+
+def test_what_launch_files_start_is_declared() -> None:
+    bringup = WORKSPACE / "softgrip_bringup"
+    files = [*bringup.glob("launch/*.launch.yaml"), *bringup.glob("controllers/*.yaml")]
+    named = {one for path in files for one in started(yaml.safe_load(path.read_text()))}
+    assert {"rviz2", "controller_manager", "parallel_gripper_controller", "softgrip_description"} <= named
+    # the hardware that the description names, the transport of the picture that RViz shows
+    named |= {ros2_control._PLUGIN.split("/")[0], "compressed_image_transport"}
+    assert named - {"softgrip_bringup"} - declared("softgrip_bringup", "depend", "exec_depend") == set()
+
+
+DOCKERFILE = (ROOT / "docker" / "Dockerfile").read_text()
+#: What the image takes from apt by its name: no node or launch file needs it, so no package.xml has its key.
+ONLY_IN_THE_IMAGE = {"python3-pip", "python3-psycopg2", "ros-jazzy-rmw-cyclonedds-cpp", "ros-jazzy-rmw-zenoh-cpp"}
+
+
+def test_the_image_has_what_package_xml_declares_and_little_else() -> None:
+    text = DOCKERFILE.replace("\\\n", " ")
+    by_name = {
+        word for words in re.findall(r"apt-get install ([^&\n]*)", text) for word in words.split() if word[0] != "-"
+    }
+    assert by_name == ONLY_IN_THE_IMAGE
+    (install,) = re.findall(r"rosdep install ([^&\n]*)", text)
+    assert "--from-paths src --ignore-src" in install
+    assert set(re.findall(r"-t (\w+)", install)) == {"buildtool", "build", "exec"}
+
+
+def test_what_the_image_does_not_take_by_rosdep_it_pins_or_does_without() -> None:
+    text = DOCKERFILE.replace("\\\n", " ")
+    (skipped,) = (set(found.split()) for found in re.findall(r'--skip-keys "([^"]*)"', text))
+    used = {key for package in PACKAGES for key in declared(package, "exec_depend")}
+    assert skipped <= used
+    pinned = set(re.findall(r"wanted = /\^\(([a-z|]+)\)==", text)[0].split("|"))
+    assert {f"python3-{name}-pip" for name in pinned} == {
+        key for key in skipped if key.endswith("-pip")
+    } - {"python3-gymnasium-pip", "python3-distributed-pip"}  # fmt: skip
+    # none of a cell's own nodes: only what the two launch files for RViz and ros2_control start
+    assert skipped - {key for key in skipped if key.endswith("-pip")} <= declared("softgrip_bringup", "exec_depend")
+
+
 def found_by_shared_functions(text: str) -> set[str]:
     """Return what the shared CMake functions find for a package that calls them in `text`."""
     found: set[str] = set()
@@ -164,7 +278,7 @@ def test_every_library_of_cmake_is_declared(package: str) -> None:
     )
     keys = declared(package, "depend", "build_depend", "buildtool_depend", "test_depend")
     found = set(re.findall(r"find_package\((\w+)", text)) | found_by_shared_functions(text)
-    found -= {"Python", "OpenMP", "Threads"}
+    found -= {"OpenMP", "Threads"}
     found |= {name for name in ("hwy", "metis") if re.search(rf"find_(?:library|path)\([^)]*\b{name}\b", text)}
     missing = [name for name in sorted(found) if LIBRARIES.get(name, name) not in keys]
     assert missing == []

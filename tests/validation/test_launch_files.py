@@ -61,6 +61,19 @@ def test_frames_priority_reaches_all_that_a_frame_passes(executable: str, parame
     assert parameters(executable)[parameter] == "$(var frames_priority)"
 
 
+def test_every_node_that_names_frames_gets_the_cells_prefix() -> None:
+    config = (yaml.safe_load(path.read_text()) for path in (LAUNCH.parent / "config").glob("*.yaml"))
+    takes = {
+        key.removeprefix("/**/")
+        for file in config
+        for key, values in file.items()
+        if "frame_prefix" in values["ros__parameters"]
+    }
+    assert takes == {"hand_description", "kinematics_predictor", "gdfe_simulator", "camera"}
+    for node in takes:
+        assert parameters(node)["frame_prefix"] == "'$(var frame_prefix)'"
+
+
 @pytest.mark.parametrize("name", ["servo_port", "stage_port", "gauge_port", "camera_source", "calibration"])
 def test_real_hardware_takes_nothing_from_the_folder_of_the_emulated_one(name: str) -> None:
     (argument,) = [one for one in entities("cell.launch.yaml", "arg") if one["name"] == name]

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from softgrip_bag import reader
 from softgrip_bag.definition import decode, parse_definitions
@@ -27,6 +26,9 @@ from softgrip_bag.schema_text import schema_text
 from softgrip_bag.writer import BagWriter, Topic
 from softgrip_interfaces.action import CalibrateFriction, Grasp, MoveTendon, SwapFingers
 from softgrip_interfaces.msg import FingerMarkers, FrictionModel, FrictionSample, PredictionResidual
+
+pytest.importorskip("rosbags")
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 #: As they stood in softgrip_interfaces at that time, without comments.
 OLD = {

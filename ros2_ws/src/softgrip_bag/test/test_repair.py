@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
-from rosbags.highlevel import AnyReader
 
 from softgrip_bag import writer as writer_module
 from softgrip_bag.errors import BagError
@@ -17,6 +16,9 @@ from softgrip_bag.offers import OfferedQos
 from softgrip_bag.reader import attachments, bag_files, facts, read, topic_summaries
 from softgrip_bag.repair import bags_in, is_being_written, is_broken, repair, repair_all
 from softgrip_bag.writer import Attachment, BagWriter, Topic
+
+pytest.importorskip("rosbags")
+from rosbags.highlevel import AnyReader
 
 HI = bytes.fromhex("00010000 03000000 686900")
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"

@@ -3,11 +3,13 @@ from __future__ import annotations
 
 import pytest
 from rclpy.serialization import serialize_message
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.messages import interface_text, message_class
 from softgrip_bag.schema_text import SEPARATOR, referenced, schema_text
+
+pytest.importorskip("rosbags")
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 FILES = {
     (

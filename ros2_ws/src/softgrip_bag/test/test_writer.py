@@ -10,13 +10,16 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
-from mcap_ros2.decoder import DecoderFactory
-from rosbags.highlevel import AnyReader
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.offers import OfferedQos
 from softgrip_bag.reader import bag_files, read, topic_summaries
 from softgrip_bag.writer import BagWriter, Topic
+
+pytest.importorskip("mcap_ros2")
+pytest.importorskip("rosbags")
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
 
 #: std_msgs/String "hi" and "ho" as little-endian CDR.
 HI = bytes.fromhex("00010000 03000000 686900")

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import psycopg
 import pytest
 
 from softgrip_cell.catalogue_file import read_catalogue
@@ -249,6 +248,7 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str
     if request.param == "sqlite":
         yield f"sqlite:///{tmp_path}/cell.db"
         return
+    psycopg = pytest.importorskip("psycopg")
     base: str = request.getfixturevalue("postgres_base")
     name = f"cell_{os.getpid()}_{next(_DATABASES)}"
     with psycopg.connect(base.format(name="postgres"), autocommit=True) as connection:

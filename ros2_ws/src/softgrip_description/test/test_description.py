@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from xml.etree import ElementTree as ET
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -17,6 +16,9 @@ from softgrip_description.solids import base_outline, link_outline, prism_inerti
 from softgrip_model.finger import Finger, JointModel, Kernel
 from softgrip_model.friction.laws import FrictionLaw, Law
 from softgrip_model.profile import Profile, load, shipped_directory
+
+pytest.importorskip("mujoco")
+import mujoco
 
 SETS = ("power", "pinch", "hook")
 

@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator
 from xml.etree import ElementTree as ET
 
-import mujoco
 import numpy as np
 import pytest
 import rclpy
@@ -25,6 +24,9 @@ from softgrip_interfaces.msg import CellState, FingerState, FingerStates, Mounte
 from softgrip_model.profile import load, shipped_directory
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, to_time_message
 from softgrip_testing.nodes.node_processes import Peer, node_processes, own_domain, peer_node
+
+pytest.importorskip("mujoco")
+import mujoco
 
 pytestmark = pytest.mark.ros
 SLOTS = ("index", "middle", "thumb")

@@ -5,13 +5,15 @@ from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
-import mujoco
 import pytest
 import yaml
 
 from softgrip_description import shipped_hand, urdf_of
 from softgrip_description.ros2_control import GripperJoint, with_gripper_joint
 from softgrip_model.profile import load, shipped_directory
+
+pytest.importorskip("mujoco")
+import mujoco
 
 JOINT = GripperJoint("gripper_opening", 0.01, 0.106, 35.0, 0.1, "/a/gripper/joint_states", "/a/gripper/joint_commands")
 CONTROLLERS = shipped_directory().parent / "controllers" / "gripper.yaml"

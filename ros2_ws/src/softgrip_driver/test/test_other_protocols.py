@@ -2,7 +2,6 @@
 """Bytes of Feetech's and Damiao's protocols beside those that other people's programs make."""
 
 import pytest
-import scservo_sdk
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -10,6 +9,9 @@ from softgrip_driver.damiao import frames, slcan
 from softgrip_driver.damiao.frames import MODELS, DamiaoState, Register
 from softgrip_driver.feetech import packets
 from softgrip_driver.feetech import registers as reg
+
+pytest.importorskip("scservo_sdk")
+import scservo_sdk
 
 RANGES = MODELS["DM-J4310-2EC"].ranges
 

@@ -5,9 +5,11 @@ import math
 
 import dynamixel_sdk
 import pytest
-import rustypot
 
 from softgrip_emulator.dynamixel.servo import REBOOT_SILENCE_S
+
+pytest.importorskip("rustypot")
+import rustypot
 
 OK = dynamixel_sdk.COMM_SUCCESS
 TIMEOUT = dynamixel_sdk.COMM_RX_TIMEOUT

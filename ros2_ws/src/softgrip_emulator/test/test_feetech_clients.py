@@ -4,13 +4,16 @@
 import math
 
 import pytest
-import rustypot
-import scservo_sdk
 
 from softgrip_emulator.feetech.chain import FeetechChain
 from softgrip_emulator.feetech.memory import load_model
 from softgrip_emulator.feetech.servo import EmulatedFeetechServo
 from softgrip_emulator.wire.pty import PtyPort
+
+pytest.importorskip("rustypot")
+pytest.importorskip("scservo_sdk")
+import rustypot
+import scservo_sdk
 
 OK, TIMEOUT = scservo_sdk.COMM_SUCCESS, scservo_sdk.COMM_RX_TIMEOUT
 IDS = (1, 2, 3)

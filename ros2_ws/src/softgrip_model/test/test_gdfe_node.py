@@ -8,6 +8,7 @@ import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker
 
 from softgrip_interfaces.msg import CellState, FrictionModel, MountedFinger, PredictedShape
 from softgrip_model.nodes.gdfe_simulator import GdfeSimulator
@@ -20,13 +21,17 @@ class Bench:
     """The node, and a node that talks to it."""
 
     def __init__(self) -> None:
-        rclpy.init(args=["--ros-args", "-p", "resolution:=coarse", "-p", "travel_m:=0.008"])
+        rclpy.init(
+            args=["--ros-args", "-p", "resolution:=coarse", "-p", "travel_m:=0.008", "-p", "frame_prefix:=left/"]
+        )
         self.node = GdfeSimulator()
         self.other = rclpy.create_node("other")
         self.executor = SingleThreadedExecutor()
         self.executor.add_node(self.node)
         self.executor.add_node(self.other)
         self.got: list[PredictedShape] = []
+        self.markers: list[Marker] = []
+        self.other.create_subscription(Marker, "shape/marker", self.markers.append, SENSOR)
         self.other.create_subscription(PredictedShape, "shape/predicted", self.got.append, SENSOR)
         self.tendons = self.other.create_publisher(JointState, "tendon/state", SENSOR)
         self.cell = self.other.create_publisher(CellState, "cell/state", LATCHED)
@@ -66,8 +71,10 @@ def test_a_pulled_finger_closes_towards_minus_y(bench):
     vertices = np.array(shape.vertices).reshape(-1, 3)
     assert shape.converged
     assert nanoseconds(shape.header.stamp) == 1_000_000_000
-    assert shape.header.frame_id == "index_base"
+    assert shape.header.frame_id == "left/index_base"
     assert vertices[:, 1].min() < -0.03
+    bench.spin(lambda: bool(bench.markers))
+    assert bench.markers[0].header.frame_id == "left/index_base"
     assert len(shape.strain) == shape.hexahedra
     assert max(shape.faces) < len(vertices)
 

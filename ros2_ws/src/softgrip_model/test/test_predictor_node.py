@@ -218,14 +218,15 @@ def test_what_it_cannot_use_it_names_and_goes_on(cell: Cell) -> None:
     assert cell.prediction(0.010, "rig-1").validity == FingerState.OK
 
 
-def test_residuals_carry_the_measurements_stamp(cell: Cell) -> None:
-    cell.start(f"profiles_directory:={PROFILES}")
+def test_residuals_carry_the_measurements_stamp_and_the_fingers_frame(cell: Cell) -> None:
+    cell.start(f"profiles_directory:={PROFILES}", "frame_prefix:=left/")
     expected = cell.prediction(0.010, "braid-tpu-chapter4")
     at = cell.stamp + 7 * MILLISECOND  # between two tendon samples to come
     cell.measured(at, (expected.tip.x, expected.tip.y + 0.0019))
     cell.until(lambda: bool(cell.residuals), "a residual", lambda: cell.tendons(0.010))
     residual = cell.residuals[0]
     assert residual.header.stamp == to_time_message(at)
+    assert residual.header.frame_id == "left/index_base"
     assert residual.tip_error == pytest.approx(0.0019, abs=1e-9)
     assert residual.tip_error_percent == pytest.approx(2.0, abs=1e-6)
     assert residual.tension_error == pytest.approx(5.0 - expected.tension, abs=1e-9)

@@ -16,8 +16,10 @@ from softgrip_panel.access.sessions import FREE_TRIES, IDLE_S, OLD_S, LoginBrake
 from softgrip_panel.commands import users
 from softgrip_panel.errors import AccessError
 from softgrip_panel.model.roles import Role
-from softgrip_panel.web.gate import COOKIE, MAX_BODY, PERSON, Gate
 from softgrip_testing.manual_clock import ManualClock
+
+pytest.importorskip("nicegui", reason="make panel-setup")
+from softgrip_panel.web.gate import COOKIE, MAX_BODY, PERSON, Gate
 
 
 @pytest.fixture

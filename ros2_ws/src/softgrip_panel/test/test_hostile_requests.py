@@ -8,10 +8,14 @@ from typing import Any
 from urllib.parse import urlencode, urlsplit
 
 import pytest
+
+from softgrip_panel.access.sessions import FREE_TRIES
+
+pytest.importorskip("nicegui", reason="make panel-setup")
+pytest.importorskip("websockets", reason="make panel-setup")
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from softgrip_panel.access.sessions import FREE_TRIES
 from softgrip_panel.web.gate import COOKIE
 
 #: conftest's

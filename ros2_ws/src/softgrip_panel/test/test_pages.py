@@ -7,10 +7,14 @@ from typing import Any
 from urllib.parse import quote
 
 import pytest
+
+from softgrip_testing.browser import PanelBrowser
+
+pytest.importorskip("nicegui", reason="make panel-setup")
+pytest.importorskip("selenium", reason="make panel-setup")
 from selenium.webdriver.common.keys import Keys
 
 from softgrip_panel.web.shell import PAGES
-from softgrip_testing.browser import PanelBrowser
 
 pytestmark = pytest.mark.slow
 

@@ -17,6 +17,8 @@ import pytest
 from softgrip_nodekit import StartupError
 from softgrip_panel.errors import PanelError
 from softgrip_panel.nodes.panel import PARAMETERS, _check_access
+
+pytest.importorskip("nicegui", reason="make panel-setup")
 from softgrip_panel.web.server import FIRST_PORT, listen
 
 DEFAULTS = {row.name: row.default for row in PARAMETERS.rows}

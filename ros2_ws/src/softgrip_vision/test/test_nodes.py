@@ -21,9 +21,11 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
 
 from softgrip_interfaces.msg import CellState, FingerMarkers, FingerStates, MountedFinger
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, seconds, to_time_message
@@ -47,12 +49,14 @@ class Watcher(Node):
         self.images: list[CompressedImage] = []
         self.infos: list[CameraInfo] = []
         self.overlays: list[CompressedImage] = []
+        self.transforms: list[TFMessage] = []
         self.health: dict[str, tuple[int, str]] = {}
         self.create_subscription(FingerStates, "finger/measured", self.measured.append, SENSOR)
         self.create_subscription(FingerMarkers, "finger/markers", self.markers.append, SENSOR)
         self.create_subscription(CompressedImage, "camera/image_raw/compressed", self.images.append, SENSOR)
         self.create_subscription(CameraInfo, "camera/camera_info", self.infos.append, SENSOR)
         self.create_subscription(CompressedImage, "finger/overlay/compressed", self.overlays.append, SENSOR)
+        self.create_subscription(TFMessage, "/tf_static", self.transforms.append, LATCHED)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         self.compressed = self.create_publisher(CompressedImage, "camera/image_raw/compressed", SENSOR)
         self.raw = self.create_publisher(Image, "camera/image_raw", SENSOR)
@@ -83,7 +87,7 @@ class Watcher(Node):
 
     def header(self) -> Header:
         self._stamp_ns += 33_000_000
-        return Header(stamp=to_time_message(self._stamp_ns), frame_id="camera_optical")
+        return Header(stamp=to_time_message(self._stamp_ns), frame_id="camera_optical_frame")
 
     def show(self, jpeg: bytes) -> None:
         self.compressed.publish(CompressedImage(header=self.header(), format="jpeg", data=array.array("B", jpeg)))
@@ -125,6 +129,7 @@ def jpeg(scene: SyntheticScene) -> bytes:
 def test_from_stream_to_joint_angles(
     watcher: Watcher,
     calibration_file: Path,
+    calibration: CameraCalibration,
     jpeg: bytes,
     tmp_path: Path,
     scene: SyntheticScene,
@@ -133,7 +138,12 @@ def test_from_stream_to_joint_angles(
 ) -> None:
     """Both nodes; the stream's address appears after they started; it ends again and again and is found again."""
     pointer = tmp_path / "camera.url"
-    camera = {"source": f"'@{pointer}'", "calibration_file": calibration_file, "reconnect_delay_s": 0.1}
+    camera = {
+        "source": f"'@{pointer}'",
+        "calibration_file": calibration_file,
+        "reconnect_delay_s": 0.1,
+        "frame_prefix": "left/",
+    }
     watcher.start("camera", **camera)
     watcher.start("marker_tracker", calibration_file=calibration_file, overlay=True)
     assert watcher.until(lambda: watcher.said("waiting for the file"))
@@ -143,7 +153,17 @@ def test_from_stream_to_joint_angles(
     assert watcher.until(lambda: bool(watcher.images and watcher.infos and watcher.measured and watcher.overlays))
     assert bytes(watcher.images[0].data) == jpeg
     assert seconds(watcher.images[0].header.stamp) == pytest.approx(now, abs=2e-6)
-    assert watcher.images[0].header.frame_id == "camera_optical"
+    assert watcher.images[0].header.frame_id == "left/camera_optical_frame"
+    assert watcher.infos[0].header.frame_id == "left/camera_optical_frame"
+    (camera_at,) = [one for message in watcher.transforms for one in message.transforms]
+    assert camera_at.header.frame_id == f"left/{calibration.planes[0].finger}_base"
+    assert camera_at.child_frame_id == "left/camera_optical_frame"
+    # the base is seen where the plane's homography puts its origin
+    turn, place = camera_at.transform.rotation, camera_at.transform.translation
+    into = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).inv()
+    origin = calibration.lens.matrix @ into.apply([-place.x, -place.y, -place.z])
+    seen = calibration.planes[0].homography[:, 2]
+    assert (origin / origin[2])[:2] == pytest.approx((seen / seen[2])[:2], abs=0.01)
     assert watcher.infos[0].k[0] == pytest.approx(1152.0)
     (finger,) = watcher.measured[0].fingers
     assert finger.finger == "index"

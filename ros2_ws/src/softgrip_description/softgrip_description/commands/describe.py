@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ros2 run softgrip_description describe`: the hand with a finger set as URDF, xacro or MJCF, for static use."""
+"""`ros2 run softgrip_description describe`: the hand with a finger set as URDF or MJCF, for static use."""
 
 from __future__ import annotations
 

@@ -132,10 +132,15 @@ def finger_state(prediction: Prediction) -> FingerState:
     )
 
 
-def residual_message(residual: Residual) -> PredictionResidual:
+def _finger_frame(stamp: Time, finger: str, prefix: str) -> Header:
+    """Return the header of what is said in a finger's frame; the prefix is hand_description's."""
+    return Header(stamp=stamp, frame_id=f"{prefix}{finger}_base")
+
+
+def residual_message(residual: Residual, frame_prefix: str) -> PredictionResidual:
     """Return one residual, in the frame of its finger."""
     return PredictionResidual(
-        header=Header(stamp=to_time_message(residual.stamp), frame_id=f"{residual.finger}_base"),
+        header=_finger_frame(to_time_message(residual.stamp), residual.finger, frame_prefix),
         finger=residual.finger,
         pulled_length=residual.pulled_length,
         tip_error=residual.tip_error,
@@ -156,13 +161,13 @@ def _floats(values: np.ndarray) -> array[float]:
     return out
 
 
-def shape_message(stamp: Time, shown: Shown) -> PredictedShape:
+def shape_message(stamp: Time, shown: Shown, frame_prefix: str) -> PredictedShape:
     """Return one shape with the stamp of the tendon state it belongs to."""
     faces = array("I")
     faces.frombytes(np.ascontiguousarray(shown.faces, dtype=np.uint32).tobytes())
     shape = shown.shape
     return PredictedShape(
-        header=Header(stamp=stamp, frame_id=f"{shown.finger}_base"),
+        header=_finger_frame(stamp, shown.finger, frame_prefix),
         finger=shown.finger,
         mesh=shown.mesh,
         pulled_length=float(shape.pulled_length),
@@ -185,14 +190,14 @@ def shape_message(stamp: Time, shown: Shown) -> PredictedShape:
 _SOLVED, _KEPT = (0.95, 0.55, 0.15, 1.0), (0.6, 0.6, 0.6, 0.7)
 
 
-def marker_message(stamp: Time, shown: Shown) -> Marker:
+def marker_message(stamp: Time, shown: Shown, frame_prefix: str) -> Marker:
     """Return the surface of a shape as triangles; grey when it is the last converged one."""
     quads = shown.faces.astype(np.int64)
     corners = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).ravel()
     nodes = [Point(x=x, y=y, z=z) for x, y, z in shown.shape.vertices.tolist()]
     r, g, b, a = _SOLVED if shown.shape.converged else _KEPT
     marker = Marker(
-        header=Header(stamp=stamp, frame_id=f"{shown.finger}_base"),
+        header=_finger_frame(stamp, shown.finger, frame_prefix),
         ns=shown.finger,
         id=0,
         type=Marker.TRIANGLE_LIST,

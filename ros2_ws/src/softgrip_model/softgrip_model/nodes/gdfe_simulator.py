@@ -53,6 +53,7 @@ PARAMETERS = ParameterTable(
     Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
     Parameter("fingers", ["index"], "slots whose finger is shown"),
     Parameter("profiles", ["power"], "profile in each of these slots, or one for all, until cell/state says otherwise"),
+    Parameter("frame_prefix", "", "before every frame: that of hand_description"),
     Parameter("rate_hz", 35.0, "shapes at most, by the stamps of tendon/state; some are missed", "Hz", 0.5, 200.0),
     Parameter("marker_rate_hz", 1.0, "of shape/marker at most; 0 = none", "Hz", 0.0, 60.0),
     Parameter(
@@ -81,6 +82,7 @@ class GdfeSimulator(CellNode):
         self._session = self._start(values)
         self._diagnostics = Diagnostics(self)
         self._inputs = StampedInputs(self, "tendon/state", values["allowed_lateness_s"], self._diagnostics)
+        self._frame_prefix: str = values["frame_prefix"]
         self._shapes = self.create_publisher(PredictedShape, "shape/predicted", SENSOR)
         self._markers = self.create_publisher(Marker, "shape/marker", SENSOR)
         self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
@@ -119,9 +121,9 @@ class GdfeSimulator(CellNode):
             self._report("tendons", Health.WARN, str(error))
             return
         for shown in self._session.on_tendons(names, samples):
-            self._shapes.publish(convert.shape_message(message.header.stamp, shown))
+            self._shapes.publish(convert.shape_message(message.header.stamp, shown, self._frame_prefix))
             if shown.marker_due:
-                self._markers.publish(convert.marker_message(message.header.stamp, shown))
+                self._markers.publish(convert.marker_message(message.header.stamp, shown, self._frame_prefix))
             health = Health.WARN if shown.reason else Health.OK
             text = shown.reason or f"{shown.hexahedra} hexahedra at {shown.rate_hz:.0f} Hz"
             behind = to_s(self.get_clock().now().nanoseconds - nanoseconds(message.header.stamp))

@@ -51,6 +51,7 @@ PARAMETERS = ParameterTable(
     Parameter("profiles_directory", "", "folder of finger profiles; empty = those of softgrip_bringup"),
     Parameter("fingers", ["index", "middle", "thumb"], "slots that hold a finger until cell/state says otherwise"),
     Parameter("profiles", ["power", "power", "power"], "profile in each of these slots, or one for all"),
+    Parameter("frame_prefix", "", "before every frame: that of hand_description"),
     Parameter(
         "joint_model",
         str(JointModel.FLEXURE),
@@ -142,6 +143,7 @@ class KinematicsPredictor(CellNode):
         self._diagnostics = Diagnostics(self)
         self._inputs = StampedInputs(self, "tendon/state", values["allowed_lateness_s"], self._diagnostics)
         self._predicted = self.create_publisher(FingerStates, "finger/predicted", SENSOR)
+        self._frame_prefix: str = values["frame_prefix"]
         self._residual = self.create_publisher(PredictionResidual, "finger/residual", SENSOR)
         self.create_subscription(FrictionModel, "friction/active", self._on_friction, LATCHED)
         self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
@@ -189,7 +191,7 @@ class KinematicsPredictor(CellNode):
             self._report(f"finger {slot} as learnt", Health.OK, known.summary())
             self.get_logger().info(f"{slot}: {known.summary()}")
         for residual in residuals:
-            self._residual.publish(convert.residual_message(residual))
+            self._residual.publish(convert.residual_message(residual, self._frame_prefix))
             self._report(f"finger {residual.finger}", _HEALTH[residual.verdict], residual.reason or "as predicted")
 
     def _on_friction(self, message: FrictionModel) -> None:

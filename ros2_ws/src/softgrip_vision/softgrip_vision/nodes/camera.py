@@ -18,8 +18,10 @@ import cv2
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
 
 from softgrip_nodekit import (
+    LATCHED,
     SENSOR,
     CellNode,
     Diagnostics,
@@ -37,6 +39,7 @@ from softgrip_nodekit import (
 from softgrip_time.units import to_s
 from softgrip_vision import calibration
 from softgrip_vision.calibration import file_when_there
+from softgrip_vision.camera_pose import camera_pose
 from softgrip_vision.errors import CalibrationError, FrameError, VisionError
 from softgrip_vision.frame_watch import FrameWatch
 from softgrip_vision.nodes import convert
@@ -50,7 +53,8 @@ PARAMETERS = ParameterTable(
         "device number or path, video file, image folder, http(s) motion-JPEG or rtsp URL, or @FILE: the source is "
         "named in FILE, which may appear later; none: a bench without camera",
     ),
-    Parameter("frame_id", "camera_optical", "optical frame of the images (z forward, x right, y down)"),
+    Parameter("frame_id", "camera_optical_frame", "optical frame of the images (z forward, x right, y down)"),
+    Parameter("frame_prefix", "", "before frame_id: that of hand_description"),
     Parameter("calibration_file", "", "camera calibration (YAML); empty: camera_info says uncalibrated"),
     Parameter(
         "lens_file",
@@ -119,6 +123,9 @@ class CameraNode(CellNode):
         self._camera_info = self.create_publisher(CameraInfo, "camera/camera_info", SENSOR)
         # the name that camera_calibration's cameracalibrator calls with camera:=camera
         self.create_service(SetCameraInfo, "camera/set_camera_info", self._on_set_camera_info)
+        self._frame = f"{self._values['frame_prefix']}{self._values['frame_id']}"
+        self._transforms = self.create_publisher(TFMessage, "/tf_static", LATCHED)
+        self._publish_pose()
         self._frames_ready = self.create_guard_condition(self._publish_ready)
         self._info = CameraInfo()
         self._published = 0
@@ -138,6 +145,15 @@ class CameraNode(CellNode):
             return None
         with startup_errors(VisionError):
             return calibration.load(file_when_there(Path(name), self._values["calibration_wait_s"]))
+
+    def _publish_pose(self) -> None:
+        """Say where the camera stands, where its calibration knows: beside the first finger that it names."""
+        if self._calibration is None or not self._calibration.planes:
+            return
+        plane = self._calibration.planes[0]
+        base = convert.to_header(self.get_clock().now().to_msg(), f"{self._values['frame_prefix']}{plane.finger}_base")
+        transform = convert.to_transform(base, self._frame, camera_pose(self._calibration.lens, plane))
+        self._transforms.publish(TFMessage(transforms=[transform]))
 
     def _make_capture(self) -> Capture:
         value = self._values
@@ -180,7 +196,7 @@ class CameraNode(CellNode):
             self._publish(frame)
 
     def _publish(self, frame: CameraFrame) -> None:
-        header = convert.to_header(to_time_message(frame.stamp_ns), self._values["frame_id"])
+        header = convert.to_header(to_time_message(frame.stamp_ns), self._frame)
         self._size_problem = self._check_size(frame)
         try:
             compressed = convert.to_compressed_message(frame, self._values["jpeg_quality"], header)
