@@ -382,6 +382,27 @@ def test_a_grasp_is_kept_with_curve_pictures_and_verdict(state: PanelState, cloc
     assert ",'=egg," in export_csv(grasp_rows(state.grasps.records, ()))  # no formula for a spreadsheet
 
 
+@pytest.mark.parametrize(
+    ("stamp_s", "at_s"),
+    [(502.0, 0.2), (503.0, 0.3), (502.5, 0.25), (507.0, 0.7), (math.nan, None)],
+    ids=["a sample", "the next", "between two", "after the last", "none decided"],
+)
+def test_the_deciding_moment_is_the_deciding_samples_not_the_results(
+    stamp_s: float, at_s: float | None, state: PanelState, clock: ManualClock
+) -> None:
+    state.observe_cell(CellView("GRASPING", "power", product="egg"))
+    for k in range(1, 5):  # the cell lives ten times as fast as the panel
+        clock.s += 0.1
+        state.observe_tensions([TensionView("index", 0.001, 2.0)], 500.0 + k)
+    state.observe_cell(CellView("HOLDING", "power"))
+    clock.s += 2.0  # the result comes late
+    state.grasps.observe_result(
+        "GRIPPED", "both press", duration_s=0.4, latency_s=0.0, fingers=(), decided_stamp_s=stamp_s
+    )
+    (record,) = state.grasps.records
+    assert record.decided_s == (None if at_s is None else pytest.approx(at_s))
+
+
 def test_frames_are_what_the_page_reads() -> None:
     message = pack_picture(PanelPicture(7, b"\xff\xd8jpeg", (640, 480), {"measured": [(1.0, 2.0), (math.nan, 3.0)]}))
     kind, length = struct.unpack_from(">BI", message)

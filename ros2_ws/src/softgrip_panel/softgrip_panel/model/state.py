@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -159,11 +160,16 @@ class PanelState:
             servos = {name: values for name, values in own.items() if _ZERO in values}
             self.bench = replace(self.bench, bus=own[_BUS], servos=servos, reports=self.bench.reports + 1)
 
-    def observe_tensions(self, tensions: Sequence[TensionView]) -> None:
-        """Take the newest tendon/state beside its prediction."""
+    def observe_tensions(self, tensions: Sequence[TensionView], stamp_s: float = math.nan) -> None:
+        """Take the newest tendon/state beside its prediction.
+
+        Args:
+            tensions: of every tendon.
+            stamp_s: of the message, by the cell's clock [s].
+        """
         with self._lock:
             self.tensions = tuple(tensions)
-            self.grasps.observe_tensions(self.tensions)
+            self.grasps.observe_tensions(self.tensions, stamp_s)
 
     def advance(self) -> None:
         """Let time pass: what falls silent is an alarm, and alarms live on."""
