@@ -47,6 +47,12 @@ def test_stop_by_one_click_and_back_by_an_owner_of_control(browser: PanelBrowser
     browser.wait_for_text("#estop-said", "stopped (let_go)")
     browser.wait_for_text("#mode", "Emergency stop")
     browser.wait_for_text("#alarms", "make the cell safe, then estop_reset")  # from the driver's fault table
+    for path in PAGES:
+        browser.open(path)
+        browser.wait_for_text("#alarm-count", "Alarms: 1")
+        assert not browser.find("#swap-waits").is_displayed()
+    browser.find("#alarm-count").click()
+    browser.wait_for_text("#alarms", "make the cell safe, then estop_reset")
     assert not browser.find("[data-name='reset']").is_enabled()
     take_control(browser)
     browser.press("reset")
@@ -55,6 +61,7 @@ def test_stop_by_one_click_and_back_by_an_owner_of_control(browser: PanelBrowser
     browser.wait_for_text("#mode", "Idle")
     browser.press("acknowledge")
     browser.wait_for_text("#alarms", "No alarms")
+    assert not browser.find("#alarm-count").is_displayed()
     assert [one["act"] for one in site.calls()] == ["estop", "estop_reset"]
     assert {one["who"] for one in site.calls()} == {"Ada"}
 
@@ -102,6 +109,10 @@ def test_a_swap_survives_reload_and_a_second_browser_and_takes_scanned_serials(
     take_control(browser)
     browser.press("swap-pinch")
     browser.wait_for_text("#instruction", "Open the palm.")
+    browser.open("/records")
+    browser.wait_for_text("#swap-waits", "A swap waits for you")
+    browser.find("#swap-waits").click()
+    browser.wait_for_text("#instruction", "Open the palm.")
     browser.driver.refresh()
     browser.wait_for_text("#instruction", "Open the palm.")
     browser.press("step-done")
@@ -140,6 +151,7 @@ def test_a_friction_measurement_by_clicks_is_accepted_with_a_reason(browser: Pan
     take_control(browser)
     browser.press("rig-begin")
     browser.wait_for_text("#rig-instruction", "hang 0.50 kg")
+    browser.wait_for_text("#rig-waits", "A measurement waits for you")
     assert "90 deg, 0.50 kg" in browser.script(
         "return document.querySelector('.drawing svg').getAttribute('aria-label')"
     )

@@ -189,6 +189,7 @@ class Page:
                     self.shown.text(text_element("strong", "", "mode", id="mode"), self._mode_text), self._mode_name
                 )
                 self.shown.text(text_element("span", "", "stop-note", id="stop-note"), self._stop_text)
+            self._calls_for_attention()
             with element("div", classes="facts control", role="group", aria_label=self.t("control.label")):
                 self.shown.text(text_element("span", "", id="control"), self._control_text)
                 with element("div", classes="row"):
@@ -198,6 +199,18 @@ class Page:
                 with element("form", method="post", action="/logout"):
                     text_element("button", self.t("login.logout"), "small", type="submit")
                 text_element("button", self.t("theme"), "small", type="button", id="theme")
+
+    def _calls_for_attention(self) -> None:
+        """Make what a person has to see on whatever page: alarms, and what waits for hands."""
+        state, shown = self.state, self.shown
+        with element("div", classes="facts attention", role="status"):
+            alarms = text_element("a", "", "bad", href="/#alarms", id="alarm-count")
+            shown.text(alarms, lambda: self.t("alarms.count", count=state.alarms.count))
+            shown.visible(alarms, lambda: state.alarms.count > 0)
+            swap = text_element("a", self.t("swap.waits"), href="/swap", id="swap-waits")
+            shown.visible(swap, lambda: state.swap.view.is_open and state.swap.view.needs_confirmation)
+            rig = text_element("a", self.t("friction.waits"), href="/friction", id="rig-waits")
+            shown.visible(rig, lambda: state.rig.needs_confirmation)
 
     def _control_buttons(self) -> None:
         desk, shown, person = self.desk, self.shown, self.person
