@@ -66,7 +66,7 @@ class PanelState:
 
     def __init__(self, now_s: Callable[[], float], monotonic_s: Callable[[], float]) -> None:
         self._now_s = now_s
-        self._monotonic_s = monotonic_s
+        self.monotonic_s = monotonic_s
         self._lock = threading.RLock()
         self.control = ControlDesk(monotonic_s)
         self.alarms = AlarmBook(now_s)
@@ -129,7 +129,7 @@ class PanelState:
     def observe_tendons(self, tendons: Sequence[TendonView]) -> None:
         """Take tendon/status; the fault table of the driver says what a fault means and what to do."""
         with self._lock:
-            self._heard_s = self._monotonic_s()
+            self._heard_s = self.monotonic_s()
             self.tendons = tuple(tendons)
             self.alarms.observe("tendon/status", dict(_tendon_alarm(one) for one in tendons if _is_alarm(one)))
             self.alarms.observe("silence", {})
@@ -174,7 +174,7 @@ class PanelState:
     def advance(self) -> None:
         """Let time pass: what falls silent is an alarm, and alarms live on."""
         with self._lock:
-            silent_s = self._monotonic_s() - self._heard_s
+            silent_s = self.monotonic_s() - self._heard_s
             if silent_s > SILENCE_S:
                 fact = AlarmFact(
                     "tendon/status",
@@ -188,7 +188,7 @@ class PanelState:
     @property
     def is_stale(self) -> bool:
         """Whether the driver is not heard: what is shown may be old."""
-        return self._monotonic_s() - self._heard_s > SILENCE_S
+        return self.monotonic_s() - self._heard_s > SILENCE_S
 
     def note(self, who: str, act: str, subject: str, *, success: bool, message: str) -> None:
         """Let every page see what somebody did."""

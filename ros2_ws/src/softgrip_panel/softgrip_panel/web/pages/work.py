@@ -103,7 +103,7 @@ def _run(page: Page, run: WorkRun) -> None:
                 pause_on_failure=bool(pause.value),
                 emulated_hands=page.state.is_emulated and bool(hands.value),
             )
-            worker.start(page.person, options)
+            page.known(lambda person: worker.start(person, options))
 
         with element("div", classes="row"):
             begin = page.button("work.start", start, "big", name="work-start")
@@ -111,7 +111,7 @@ def _run(page: Page, run: WorkRun) -> None:
             shown.enabled(
                 begin, lambda: page.may_act and run.phase in (WorkPhase.PLANNED, WorkPhase.PAUSED) and bool(run.items)
             )
-            stop = page.button("work.pause", worker.pause, "big", name="work-pause")
+            stop = page.button("work.pause", lambda: page.known(worker.pause), "big", name="work-pause")
             shown.enabled(stop, lambda: run.phase is WorkPhase.RUNNING)
         link = text_element("a", page.t("work.to_swap"), "instruction", href="/swap")
         shown.visible(link, lambda: page.state.swap.view.is_open)
