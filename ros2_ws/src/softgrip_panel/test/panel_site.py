@@ -46,6 +46,7 @@ from softgrip_panel.model.facts import (
 )
 from softgrip_panel.model.frames import PanelPicture
 from softgrip_panel.model.friction import FrictionModelView, RigPoint
+from softgrip_panel.model.grasps import FingerDecision
 from softgrip_panel.model.parameters import ParameterKind, ParameterView
 from softgrip_panel.model.shapes import FaceOwners, PanelShape
 from softgrip_panel.model.state import PanelState
@@ -59,6 +60,10 @@ from softgrip_panel.web.site import PanelSite
 SLOTS = ("index", "middle", "thumb")
 #: A name that an attacker would give a product.
 HOSTILE = "<img src=x onerror=window.hacked=1>"
+
+
+#: What the verdict of every grasp knows.
+JUDGED = (FingerDecision("index", "BLOCKED", 3.1, 0.9), FingerDecision("thumb", "FREE", 0.1, 0.9))
 
 
 class PretendedCell:
@@ -100,7 +105,7 @@ class PretendedCell:
         cell = self.state.cell
         self.state.observe_cell(replace(cell, mode="GRASPING", product=product))
         self.state.grasps.observe_result(
-            "GRIPPED", "both sides press", duration_s=1.2, latency_s=0.05, fingers=(), decided_stamp_s=time.time()
+            "GRIPPED", "both sides press", duration_s=1.2, latency_s=0.05, fingers=JUDGED, decided_stamp_s=time.time()
         )
         self.state.observe_cell(
             replace(cell, mode="HOLDING", product=product, picks=cell.picks + 1, gripped=cell.gripped + 1)

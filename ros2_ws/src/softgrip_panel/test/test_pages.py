@@ -69,6 +69,7 @@ def test_stop_by_one_click_and_back_by_an_owner_of_control(browser: PanelBrowser
 def test_a_grasp_by_clicks_and_what_is_kept_of_it(browser: PanelBrowser, site: RunningSite) -> None:
     browser.open("/")
     take_control(browser)
+    assert "What is held falls" in browser.text("#release-hint")
     browser.press("hold")
     browser.wait_for_text("#mode", "Holding")
     browser.wait_for_text("#count-gripped", "1")
@@ -80,6 +81,12 @@ def test_a_grasp_by_clicks_and_what_is_kept_of_it(browser: PanelBrowser, site: R
     browser.wait(
         lambda: browser.script("return document.querySelector('.pictures img').naturalWidth") == 640, "a picture"
     )
+    export = "return fetch(document.getElementById('export').href).then(answer => answer.text())"
+    assert len(browser.script(export).splitlines()) == 2  # its heading and the grasp
+    browser.find("#grasps input").send_keys("grape")
+    browser.wait(lambda: len(browser.script(export).splitlines()) == 1, "an export by the filter")
+    browser.open("/fingers")
+    browser.wait_for_text("#contacts", "at the last verdict: BLOCKED")
 
 
 def test_an_order_list_is_planned_run_and_counted(browser: PanelBrowser, site: RunningSite) -> None:
@@ -178,6 +185,9 @@ def test_a_finger_is_retired_with_a_reason_and_its_label_carries_its_serial(
 ) -> None:
     browser.open("/records")
     browser.press("retire-PW-T-02")
+    assert "ros2 service call /cell/retire_finger" in browser.script(
+        "return document.querySelector('.dialog code').textContent"
+    )
     browser.find(".retire-reason input").send_keys("tore at joint 2")
     browser.press("retire-confirm")
     browser.wait_for_text("[data-serial='PW-T-02']", "retired")
@@ -193,6 +203,7 @@ def test_a_finger_is_drawn_with_every_face_coloured_by_its_strain(browser: Panel
     drawn = "const c = document.getElementById('shape'); return [Number(c.dataset.number || 0), c.dataset.coloured]"
     browser.wait(lambda: browser.script(drawn)[0] > 2, "a shape")
     assert browser.script(drawn)[1] == "true"
+    assert browser.script("return getComputedStyle(document.getElementById('shape')).touchAction") == "none"
     browser.wait_for_text("#shape-said", "0 .. 20.0 %")
     colours = browser.script(
         "const c = document.getElementById('shape');"

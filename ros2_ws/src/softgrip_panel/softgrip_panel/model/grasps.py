@@ -92,6 +92,11 @@ class GraspHistory:
         """Return the grasp of a number."""
         return next((record for record in self._records if record.number == number), None)
 
+    def judged(self, finger: str) -> FingerDecision | None:
+        """Return what the newest verdict knew of a finger; None where there is none."""
+        fingers = next((record.fingers for record in reversed(self._records) if record.fingers), ())
+        return next((one for one in fingers if one.finger == finger), None)
+
     def observe_mode(self, before: str, cell: CellView) -> None:
         """Take that a grasp began or ended."""
         if cell.mode == "GRASPING" and before != "GRASPING":
