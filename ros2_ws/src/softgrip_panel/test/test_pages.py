@@ -334,11 +334,18 @@ def test_a_file_that_is_too_large_never_leaves_the_browser(browser: PanelBrowser
 
 
 def test_no_request_leaves_the_machine(browser: PanelBrowser, site: RunningSite) -> None:
-    browser.open("/")
-    asked = browser.requested()
-    assert any("/live" in url for url in asked)
+    browser.requested()  # those of the tests before
     own = (site.address, site.address.replace("http", "ws"))
-    assert [url for url in asked if not url.startswith(own)] == []
+    for path in (*PAGES, "/login", "/label/PW-I-01"):
+        browser.driver.get(site.address + path)
+        if path in PAGES:
+            browser.wait(
+                lambda: browser.script("return !document.body.classList.contains('disconnected')"), "live data"
+            )
+        asked = browser.requested()
+        assert any(path in url for url in asked)
+        assert any("/live" in url for url in asked) is (path in PAGES), path
+        assert [url for url in asked if not url.startswith(own)] == []
 
 
 @pytest.mark.parametrize("path", PAGES)
@@ -357,6 +364,50 @@ def test_a_page_fits_every_screen_and_axe_finds_nothing_serious(browser: PanelBr
             browser.find("#theme").click()
         assert browser.accessibility() == []
     browser.find("#theme").click()
+
+
+@pytest.mark.parametrize(("name", "role"), [("Eve", "looks only"), ("Ada", "operates")])
+def test_every_page_in_a_smaller_role_has_only_what_that_role_may(
+    guarded_site: RunningSite, name: str, role: str
+) -> None:
+    before = len(guarded_site.calls())
+    with PanelBrowser(guarded_site.address) as browser:
+        browser.log_in(name, f"{name} has one")
+        for path in PAGES:
+            browser.open(path)
+            browser.wait_for_text("#who", f"{name} ({role})")
+            assert (browser.count("[data-name='take']") == 1) is (name == "Ada")
+            assert browser.count("[data-name='force'], [data-name^='retire-'], [data-name='free-bus']") == 0
+            if name == "Eve":
+                # whatever there is, is pressed
+                browser.script(
+                    "for (const one of document.querySelectorAll('main .act')) if (one.offsetParent) one.click()"
+                )
+                assert browser.accessibility() == []
+    assert len(guarded_site.calls()) == before
+
+
+def test_a_wrong_password_is_said_and_lets_nobody_in(guessed_site: RunningSite) -> None:
+    with PanelBrowser(guessed_site.address) as browser:
+        browser.log_in("Ada", "a guess")
+        browser.wait_for_text(".problem", "Name or password is wrong.")
+        assert browser.count("#estop") == 0
+        assert browser.accessibility() == []
+        browser.driver.get(guessed_site.address + "/setup")
+        browser.wait(lambda: browser.count("#password") == 1, "the log-in")
+        browser.log_in("Ada", "Ada has one")
+        browser.wait_for_text("#who", "Ada (operates)")
+
+
+@pytest.mark.parametrize("dark", ["dark", "light"])
+def test_axe_finds_nothing_serious_on_the_log_in(guarded_site: RunningSite, site: RunningSite, dark: str) -> None:
+    for address in (guarded_site.address, site.address):  # with passwords and without
+        with PanelBrowser(address) as browser:
+            theme = {"name": "prefers-color-scheme", "value": dark}
+            browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [theme]})
+            browser.driver.get(address + "/login")
+            browser.find("#name")
+            assert browser.accessibility() == []
 
 
 def test_the_stop_is_the_first_thing_that_the_keyboard_reaches_after_the_skip_link(browser: PanelBrowser) -> None:
