@@ -46,6 +46,7 @@ from softgrip_panel.model.facts import (
 )
 from softgrip_panel.model.frames import PanelPicture
 from softgrip_panel.model.friction import FrictionModelView, RigPoint
+from softgrip_panel.model.grasps import FingerDecision
 from softgrip_panel.model.parameters import ParameterKind, ParameterView
 from softgrip_panel.model.shapes import FaceOwners, PanelShape
 from softgrip_panel.model.state import PanelState
@@ -59,6 +60,10 @@ from softgrip_panel.web.site import PanelSite
 SLOTS = ("index", "middle", "thumb")
 #: A name that an attacker would give a product.
 HOSTILE = "<img src=x onerror=window.hacked=1>"
+
+
+#: What the verdict of every grasp knows.
+JUDGED = (FingerDecision("index", "BLOCKED", 3.1, 0.9), FingerDecision("thumb", "FREE", 0.1, 0.9))
 
 
 class PretendedCell:
@@ -99,7 +104,9 @@ class PretendedCell:
             return ActResult(success=False, message=f"product '{product}' is not in the mix")
         cell = self.state.cell
         self.state.observe_cell(replace(cell, mode="GRASPING", product=product))
-        self.state.grasps.observe_result("GRIPPED", "both sides press", duration_s=1.2, latency_s=0.05, fingers=())
+        self.state.grasps.observe_result(
+            "GRIPPED", "both sides press", duration_s=1.2, latency_s=0.05, fingers=JUDGED, decided_stamp_s=time.time()
+        )
         self.state.observe_cell(
             replace(cell, mode="HOLDING", product=product, picks=cell.picks + 1, gripped=cell.gripped + 1)
         )
@@ -250,7 +257,8 @@ def feed(site: PanelSite, stop: threading.Event) -> None:
         phase = 0.5 - 0.5 * math.cos(number / 15.0)
         pulled_n = 2.0 + 9.0 * phase + 0.6 * (-1) ** number  # nothing that hangs on it is ever at rest
         state.observe_tensions(
-            [TensionView(name, 0.016 * phase, pulled_n + k, 1.5 + 7.0 * phase) for k, name in enumerate(SLOTS)]
+            [TensionView(name, 0.016 * phase, pulled_n + k, 1.5 + 7.0 * phase) for k, name in enumerate(SLOTS)],
+            time.time(),
         )
         state.observe_tendons([TendonView(name, "HOLDING", homed=True) for name in SLOTS])
         state.observe_health(driver_health(bedded_zero_mm(site.cell.homings)))  # type: ignore[attr-defined]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import gc
 import importlib
 import json
@@ -27,7 +28,7 @@ from softgrip_panel.model.acts import Act, ActResult
 from softgrip_panel.model.alarms import AlarmBook, AlarmFact, AlarmStage
 from softgrip_panel.model.bags import BagFolder
 from softgrip_panel.model.control import LOST_S, ControlDesk
-from softgrip_panel.model.desk import ActDesk
+from softgrip_panel.model.desk import MAX_STRANGERS, STRANGERS_S, ActDesk
 from softgrip_panel.model.explain import explain_reset, explain_stop
 from softgrip_panel.model.facts import CellView, CountedView, SafetyView, StopPolicyView, TendonView, TensionView
 from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
@@ -37,7 +38,7 @@ from softgrip_panel.model.records import GraspFilter, export_csv, grasp_rows
 from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import SILENCE_S, PanelState
 from softgrip_panel.model.swap import SwapPhase, SwapProgress
-from softgrip_panel.model.work import PlannedStep, WorkPhase, WorkRun
+from softgrip_panel.model.work import PlannedStep, Worker, WorkOptions, WorkPhase, WorkRun
 from softgrip_testing.manual_clock import ManualClock
 
 ADA = Person("a", "Ada", Role.OPERATE)
@@ -193,10 +194,73 @@ def test_every_act_is_recorded_with_name_and_end_and_without_tokens(state: Panel
     assert [(one["who"], one["act"], one["success"]) for one in lines] == [
         ("Eve", "grasp", False),
         ("Ada", "confirm_step", True),
+        ("Ada", "confirm_step", True),
     ]
+    assert [one["message"] for one in lines[1:]] == ["begun", "done"]
     assert "s3cret-token" not in (tmp_path / "acts.jsonl").read_text()
     assert (tmp_path / "acts.jsonl").stat().st_mode & 0o077 == 0
     assert [notice.who for notice in state.notices] == ["Eve", "Ada"]
+
+
+class EndlessCalls(Calls):
+    async def call(self, act: Act, who: str) -> ActResult:
+        await super().call(act, who)
+        await asyncio.Event().wait()
+        raise AssertionError
+
+
+@pytest.mark.parametrize("act", acts.EXAMPLES, ids=lambda act: act.name)
+def test_an_act_that_the_panel_did_not_outlive_names_who_began_it(act: Act, state: PanelState, tmp_path: Path) -> None:
+    desk = ActDesk(state, EndlessCalls(), ActRecord(tmp_path / "acts.jsonl", lambda: 12.5))
+    audited: list[tuple[str, str, str, str]] = []
+    desk.on_done = lambda *line: audited.append(line)
+    state.control.take(IDA)
+
+    async def end_in_the_midst() -> None:
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(desk.perform(IDA, act), 0.01)
+
+    asyncio.run(end_in_the_midst())
+    if act.name == "estop":  # it waits for no disk; the driver's own reason names it
+        assert audited == []
+        return
+    (line,) = [json.loads(one) for one in (tmp_path / "acts.jsonl").read_text().splitlines()]
+    assert (line["who"], line["act"], line["message"]) == ("Ida", act.name, "begun")
+    assert audited == [("Ida", act.name, act.subject, "begun")]
+
+
+def test_log_ins_reach_the_audit_table_and_strangers_do_not_fill_it(state: PanelState, clock: ManualClock) -> None:
+    desk = ActDesk(state, Calls(), ActRecord(None, lambda: 0.0))
+    audited: list[tuple[str, str, str, str]] = []
+    desk.on_done = lambda *line: audited.append(line)
+    for _ in range(1000):
+        desk.note("10.0.0.9", "request", "/grasps.csv", success=False, message="no session")
+    desk.note("Ada", "login", "10.0.0.8", success=True, message="operates")
+    assert audited[0] == ("10.0.0.9", "request", "/grasps.csv", "refused: no session")
+    assert len(audited) == MAX_STRANGERS + 1
+    assert audited[-1] == ("Ada", "login", "10.0.0.8", "operates")
+    clock.s += STRANGERS_S
+    desk.note("10.0.0.9", "request", "/", success=False, message="no session")
+    assert len(audited) == MAX_STRANGERS + 2
+
+
+def test_a_run_is_begun_by_who_has_control_and_ended_by_who_operates(state: PanelState, clock: ManualClock) -> None:
+    desk = ActDesk(state, Calls(), ActRecord(None, lambda: 0.0))
+    audited: list[tuple[str, str]] = []
+    desk.on_done = lambda who, act, _subject, detail: audited.append((f"{who} {act}", detail))
+    worker = Worker(desk, WorkRun(clock))
+    answer = SimpleNamespace(swaps=0, predicted_time=4.0, expected_success=0.9, redundant_sets=[])
+    worker.run.plan([PlannedStep("egg", 1, "power", False, 0.9, 4.0)], answer)
+
+    async def play() -> list[bool]:
+        state.control.take(ADA)
+        begun = [worker.start(one, WorkOptions()).success for one in (EVE, BOB, ADA, ADA)]
+        ended = [worker.pause(one).success for one in (EVE, BOB, BOB)]
+        return [*begun, *ended]
+
+    assert asyncio.run(play()) == [False, False, True, False, False, True, False]
+    assert [who for who, detail in audited if detail.startswith("done")] == ["Ada start_run", "Bob pause_run"]
+    assert ("Eve pause_run", "refused: expected the role operate, found look; log in as one who may") in audited
 
 
 def test_a_record_that_cannot_be_written_is_said_and_ends_nothing(state: PanelState) -> None:
@@ -380,6 +444,27 @@ def test_a_grasp_is_kept_with_curve_pictures_and_verdict(state: PanelState, cloc
     assert record.pictures == {"before": b"before", "at": b"at 4", "after": b"after"}
     assert [sample.tension_n for sample in record.samples] == [(0.0,), (2.0,), (4.0,), (6.0,), (8.0,)]
     assert ",'=egg," in export_csv(grasp_rows(state.grasps.records, ()))  # no formula for a spreadsheet
+
+
+@pytest.mark.parametrize(
+    ("stamp_s", "at_s"),
+    [(502.0, 0.2), (503.0, 0.3), (502.5, 0.25), (507.0, 0.7), (math.nan, None)],
+    ids=["a sample", "the next", "between two", "after the last", "none decided"],
+)
+def test_the_deciding_moment_is_the_deciding_samples_not_the_results(
+    stamp_s: float, at_s: float | None, state: PanelState, clock: ManualClock
+) -> None:
+    state.observe_cell(CellView("GRASPING", "power", product="egg"))
+    for k in range(1, 5):  # the cell lives ten times as fast as the panel
+        clock.s += 0.1
+        state.observe_tensions([TensionView("index", 0.001, 2.0)], 500.0 + k)
+    state.observe_cell(CellView("HOLDING", "power"))
+    clock.s += 2.0  # the result comes late
+    state.grasps.observe_result(
+        "GRIPPED", "both press", duration_s=0.4, latency_s=0.0, fingers=(), decided_stamp_s=stamp_s
+    )
+    (record,) = state.grasps.records
+    assert record.decided_s == (None if at_s is None else pytest.approx(at_s))
 
 
 def test_frames_are_what_the_page_reads() -> None:

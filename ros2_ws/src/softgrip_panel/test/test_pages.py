@@ -51,6 +51,12 @@ def test_stop_by_one_click_and_back_by_an_owner_of_control(browser: PanelBrowser
     browser.wait_for_text("#estop-said", "stopped (let_go)")
     browser.wait_for_text("#mode", "Emergency stop")
     browser.wait_for_text("#alarms", "make the cell safe, then estop_reset")  # from the driver's fault table
+    for path in PAGES:
+        browser.open(path)
+        browser.wait_for_text("#alarm-count", "Alarms: 1")
+        assert not browser.find("#swap-waits").is_displayed()
+    browser.find("#alarm-count").click()
+    browser.wait_for_text("#alarms", "make the cell safe, then estop_reset")
     assert not browser.find("[data-name='reset']").is_enabled()
     take_control(browser)
     browser.press("reset")
@@ -59,6 +65,7 @@ def test_stop_by_one_click_and_back_by_an_owner_of_control(browser: PanelBrowser
     browser.wait_for_text("#mode", "Idle")
     browser.press("acknowledge")
     browser.wait_for_text("#alarms", "No alarms")
+    assert not browser.find("#alarm-count").is_displayed()
     assert [one["act"] for one in site.calls()] == ["estop", "estop_reset"]
     assert {one["who"] for one in site.calls()} == {"Ada"}
 
@@ -66,6 +73,7 @@ def test_stop_by_one_click_and_back_by_an_owner_of_control(browser: PanelBrowser
 def test_a_grasp_by_clicks_and_what_is_kept_of_it(browser: PanelBrowser, site: RunningSite) -> None:
     browser.open("/")
     take_control(browser)
+    assert "What is held falls" in browser.text("#release-hint")
     browser.press("hold")
     browser.wait_for_text("#mode", "Holding")
     browser.wait_for_text("#count-gripped", "1")
@@ -77,6 +85,12 @@ def test_a_grasp_by_clicks_and_what_is_kept_of_it(browser: PanelBrowser, site: R
     browser.wait(
         lambda: browser.script("return document.querySelector('.pictures img').naturalWidth") == 640, "a picture"
     )
+    export = "return fetch(document.getElementById('export').href).then(answer => answer.text())"
+    assert len(browser.script(export).splitlines()) == 2  # its heading and the grasp
+    browser.find("#grasps input").send_keys("grape")
+    browser.wait(lambda: len(browser.script(export).splitlines()) == 1, "an export by the filter")
+    browser.open("/fingers")
+    browser.wait_for_text("#contacts", "at the last verdict: BLOCKED")
 
 
 def test_an_order_list_is_planned_run_and_counted(browser: PanelBrowser, site: RunningSite) -> None:
@@ -105,6 +119,10 @@ def test_a_swap_survives_reload_and_a_second_browser_and_takes_scanned_serials(
     browser.open("/swap")
     take_control(browser)
     browser.press("swap-pinch")
+    browser.wait_for_text("#instruction", "Open the palm.")
+    browser.open("/records")
+    browser.wait_for_text("#swap-waits", "A swap waits for you")
+    browser.find("#swap-waits").click()
     browser.wait_for_text("#instruction", "Open the palm.")
     browser.driver.refresh()
     browser.wait_for_text("#instruction", "Open the palm.")
@@ -144,6 +162,7 @@ def test_a_friction_measurement_by_clicks_is_accepted_with_a_reason(browser: Pan
     take_control(browser)
     browser.press("rig-begin")
     browser.wait_for_text("#rig-instruction", "hang 0.50 kg")
+    browser.wait_for_text("#rig-waits", "A measurement waits for you")
     assert "90 deg, 0.50 kg" in browser.script(
         "return document.querySelector('.drawing svg').getAttribute('aria-label')"
     )
@@ -170,6 +189,9 @@ def test_a_finger_is_retired_with_a_reason_and_its_label_carries_its_serial(
 ) -> None:
     browser.open("/records")
     browser.press("retire-PW-T-02")
+    assert "ros2 service call /cell/retire_finger" in browser.script(
+        "return document.querySelector('.dialog code').textContent"
+    )
     browser.find(".retire-reason input").send_keys("tore at joint 2")
     browser.press("retire-confirm")
     browser.wait_for_text("[data-serial='PW-T-02']", "retired")
@@ -185,6 +207,7 @@ def test_a_finger_is_drawn_with_every_face_coloured_by_its_strain(browser: Panel
     drawn = "const c = document.getElementById('shape'); return [Number(c.dataset.number || 0), c.dataset.coloured]"
     browser.wait(lambda: browser.script(drawn)[0] > 2, "a shape")
     assert browser.script(drawn)[1] == "true"
+    assert browser.script("return getComputedStyle(document.getElementById('shape')).touchAction") == "none"
     browser.wait_for_text("#shape-said", "0 .. 20.0 %")
     colours = browser.script(
         "const c = document.getElementById('shape');"
@@ -315,11 +338,18 @@ def test_a_file_that_is_too_large_never_leaves_the_browser(browser: PanelBrowser
 
 
 def test_no_request_leaves_the_machine(browser: PanelBrowser, site: RunningSite) -> None:
-    browser.open("/")
-    asked = browser.requested()
-    assert any("/live" in url for url in asked)
+    browser.requested()  # those of the tests before
     own = (site.address, site.address.replace("http", "ws"))
-    assert [url for url in asked if not url.startswith(own)] == []
+    for path in (*PAGES, "/login", "/label/PW-I-01"):
+        browser.driver.get(site.address + path)
+        if path in PAGES:
+            browser.wait(
+                lambda: browser.script("return !document.body.classList.contains('disconnected')"), "live data"
+            )
+        asked = browser.requested()
+        assert any(path in url for url in asked)
+        assert any("/live" in url for url in asked) is (path in PAGES), path
+        assert [url for url in asked if not url.startswith(own)] == []
 
 
 @pytest.mark.parametrize("path", PAGES)
@@ -338,6 +368,50 @@ def test_a_page_fits_every_screen_and_axe_finds_nothing_serious(browser: PanelBr
             browser.find("#theme").click()
         assert browser.accessibility() == []
     browser.find("#theme").click()
+
+
+@pytest.mark.parametrize(("name", "role"), [("Eve", "looks only"), ("Ada", "operates")])
+def test_every_page_in_a_smaller_role_has_only_what_that_role_may(
+    guarded_site: RunningSite, name: str, role: str
+) -> None:
+    before = len(guarded_site.calls())
+    with PanelBrowser(guarded_site.address) as browser:
+        browser.log_in(name, f"{name} has one")
+        for path in PAGES:
+            browser.open(path)
+            browser.wait_for_text("#who", f"{name} ({role})")
+            assert (browser.count("[data-name='take']") == 1) is (name == "Ada")
+            assert browser.count("[data-name='force'], [data-name^='retire-'], [data-name='free-bus']") == 0
+            if name == "Eve":
+                # whatever there is, is pressed
+                browser.script(
+                    "for (const one of document.querySelectorAll('main .act')) if (one.offsetParent) one.click()"
+                )
+                assert browser.accessibility() == []
+    assert len(guarded_site.calls()) == before
+
+
+def test_a_wrong_password_is_said_and_lets_nobody_in(guessed_site: RunningSite) -> None:
+    with PanelBrowser(guessed_site.address) as browser:
+        browser.log_in("Ada", "a guess")
+        browser.wait_for_text(".problem", "Name or password is wrong.")
+        assert browser.count("#estop") == 0
+        assert browser.accessibility() == []
+        browser.driver.get(guessed_site.address + "/setup")
+        browser.wait(lambda: browser.count("#password") == 1, "the log-in")
+        browser.log_in("Ada", "Ada has one")
+        browser.wait_for_text("#who", "Ada (operates)")
+
+
+@pytest.mark.parametrize("dark", ["dark", "light"])
+def test_axe_finds_nothing_serious_on_the_log_in(guarded_site: RunningSite, site: RunningSite, dark: str) -> None:
+    for address in (guarded_site.address, site.address):  # with passwords and without
+        with PanelBrowser(address) as browser:
+            theme = {"name": "prefers-color-scheme", "value": dark}
+            browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [theme]})
+            browser.driver.get(address + "/login")
+            browser.find("#name")
+            assert browser.accessibility() == []
 
 
 def test_the_stop_is_the_first_thing_that_the_keyboard_reaches_after_the_skip_link(browser: PanelBrowser) -> None:

@@ -81,6 +81,11 @@ class AlarmBook:
         return tuple(sorted(order, key=lambda alarm: alarm.fact.level is not AlarmLevel.ERROR))
 
     @property
+    def count(self) -> int:
+        """How many are not over."""
+        return len(self._alarms)
+
+    @property
     def history(self) -> tuple[Alarm, ...]:
         """What is over, newest first."""
         return tuple(reversed(self._history))

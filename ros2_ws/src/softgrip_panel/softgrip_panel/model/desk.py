@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Awaitable, Callable
-from typing import Protocol
+from typing import Final, Protocol
 
 from softgrip_panel.access.record import ActRecord
 from softgrip_panel.errors import ActRefusedError
@@ -12,6 +13,11 @@ from softgrip_panel.model.acts import Act, ActResult
 from softgrip_panel.model.control import ControlDesk
 from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import PanelState
+
+#: What is refused to strangers reaches other records so often at most; this panel's own has all of it.
+MAX_STRANGERS: Final = 10
+#: Counted over so long [s].
+STRANGERS_S: Final = 60.0
 
 
 class CellCalls(Protocol):
@@ -39,25 +45,50 @@ class ActDesk:
         self.state = state
         self._calls = calls
         self._record = record
+        self._refused_s: deque[float] = deque(maxlen=MAX_STRANGERS)
         #: Called with who, act, subject and what came of it, for other records.
         self.on_done: Callable[[str, str, str, str], object] = lambda *_: None
 
     async def perform(self, person: Person, act: Act) -> ActResult:
-        """Do an act and return what came of it; a refusal is a result, too."""
+        """Do an act and return what came of it; a refusal is a result, too.
+
+        That it begins is written down before: who ends the panel in the midst of it ends no record.
+        """
         try:
             self._check(person, act.role, needs_control=act.needs_control)
         except ActRefusedError as error:
             return self._done(person, act.name, act.subject, ActResult(success=False, message=str(error)))
+        if not act.is_repeated:  # the stop waits for no disk
+            self.note(person.name, act.name, act.subject, success=True, message="begun")
         return self._done(person, act.name, act.subject, await self._calls.call(act, person.name))
+
+    def carry_out(
+        self, person: Person, name: str, subject: str, change: Callable[[], str], *, needs_control: bool
+    ) -> ActResult:
+        """Do what the panel does itself, with the checks, the record and the notice of an act.
+
+        Args:
+            person: who wants it; at least one who operates.
+            name: of the act, for texts ("act.NAME") and the record.
+            subject: what it is about.
+            change: does it and returns what was done; may raise ActRefusedError.
+            needs_control: as of an Act.
+        """
+        try:
+            self._check(person, Role.OPERATE, needs_control=needs_control)
+            message = change()
+        except ActRefusedError as error:
+            return self._done(person, name, subject, ActResult(success=False, message=str(error)))
+        return self._done(person, name, subject, ActResult(success=True, message=message))
 
     def stop_action(self, person: Person, act_name: str) -> ActResult:
         """Cancel a running grasp or swap: whoever operates may, since it ends a motion."""
-        try:
-            self._check(person, Role.OPERATE, needs_control=False)
-        except ActRefusedError as error:
-            return self._done(person, f"cancel_{act_name}", "", ActResult(success=False, message=str(error)))
-        self._calls.cancel(act_name)
-        return self._done(person, f"cancel_{act_name}", "", ActResult(success=True, message="asked to end"))
+
+        def cancel() -> str:
+            self._calls.cancel(act_name)
+            return "asked to end"
+
+        return self.carry_out(person, f"cancel_{act_name}", "", cancel, needs_control=False)
 
     def take_control(self, person: Person) -> ActResult:
         """Take control, or ask its owner for it."""
@@ -93,21 +124,31 @@ class ActDesk:
 
     def acknowledge(self, person: Person, key: str) -> ActResult:
         """Acknowledge an alarm."""
-        try:
+
+        def acknowledge() -> str:
             with self.state.locked():
-                self._check(person, Role.OPERATE, needs_control=False)
                 self.state.alarms.acknowledge(key, person.name)
-        except ActRefusedError as error:
-            return self._done(person, "acknowledge", key, ActResult(success=False, message=str(error)))
-        return self._done(person, "acknowledge", key, ActResult(success=True, message="acknowledged"))
+            return "acknowledged"
+
+        return self.carry_out(person, "acknowledge", key, acknowledge, needs_control=False)
 
     def refuse(self, person: Person, act: str, message: str) -> ActResult:
         """Write down that something was asked for that cannot be done."""
         return self._done(person, act, "", ActResult(success=False, message=message))
 
     def note(self, who: str, act: str, subject: str, *, success: bool, message: str) -> None:
-        """Write down what happened beside acts: log-ins, refused requests."""
+        """Write down what happened beside acts: what begins, log-ins, refused requests."""
         self._record.write(who, act, subject, success=success, message=message)
+        if success or self._has_room_for_a_stranger():
+            self.on_done(who, act, subject, message if success else f"refused: {message}")
+
+    def _has_room_for_a_stranger(self) -> bool:
+        """Whether few enough of them were refused lately: nobody without an account fills the cell's database."""
+        now_s = self.state.monotonic_s()
+        if len(self._refused_s) == MAX_STRANGERS and now_s - self._refused_s[0] < STRANGERS_S:
+            return False
+        self._refused_s.append(now_s)
+        return True
 
     def _check(self, person: Person, role: Role, *, needs_control: bool) -> None:
         if person.role < role:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -17,11 +18,17 @@ MAX_SAMPLES = 600
 
 @dataclass(frozen=True)
 class GraspSample:
-    """Tensions at a moment; `at_s` since the grasp began [s], tensions in newtons by tendon, measured and free."""
+    """Tensions at a moment, in newtons by tendon, measured and free.
+
+    Attributes:
+        at_s: since the grasp began, by the panel's clock [s].
+        stamp_s: of the tendon/state, by the cell's clock [s]; NaN = not known.
+    """
 
     at_s: float
     tension_n: tuple[float, ...]
     free_tension_n: tuple[float, ...]
+    stamp_s: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -36,7 +43,11 @@ class FingerDecision:
 
 @dataclass
 class GraspRecord:
-    """One grasp; times in seconds since the Unix epoch."""
+    """One grasp; times in seconds since the Unix epoch, but for `decided_s`.
+
+    Attributes:
+        decided_s: since the grasp began, of the tendon/state that decided [s]; None = none did, or it is not known.
+    """
 
     number: int
     started_s: float
@@ -81,6 +92,11 @@ class GraspHistory:
         """Return the grasp of a number."""
         return next((record for record in self._records if record.number == number), None)
 
+    def judged(self, finger: str) -> FingerDecision | None:
+        """Return what the newest verdict knew of a finger; None where there is none."""
+        fingers = next((record.fingers for record in reversed(self._records) if record.fingers), ())
+        return next((one for one in fingers if one.finger == finger), None)
+
     def observe_mode(self, before: str, cell: CellView) -> None:
         """Take that a grasp began or ended."""
         if cell.mode == "GRASPING" and before != "GRASPING":
@@ -90,8 +106,13 @@ class GraspHistory:
         if cell.mode != "GRASPING":
             self._counts = cell
 
-    def observe_tensions(self, tensions: Sequence[TensionView]) -> None:
-        """Take a sample of the curves."""
+    def observe_tensions(self, tensions: Sequence[TensionView], stamp_s: float = math.nan) -> None:
+        """Take a sample of the curves.
+
+        Args:
+            tensions: of every tendon.
+            stamp_s: of the tendon/state, by the cell's clock [s].
+        """
         record = self._running
         if record is None or len(record.samples) >= MAX_SAMPLES:
             return
@@ -101,6 +122,7 @@ class GraspHistory:
                 self._now_s() - record.started_s,
                 tuple(one.tension_n for one in tensions),
                 tuple(one.free_tension_n for one in tensions),
+                stamp_s,
             )
         )
 
@@ -123,14 +145,24 @@ class GraspHistory:
         duration_s: float,
         latency_s: float,
         fingers: Iterable[FingerDecision],
+        decided_stamp_s: float = math.nan,
     ) -> None:
-        """Take the result of a grasp that the panel ordered: it belongs to the newest one."""
+        """Take the result of a grasp that the panel ordered: it belongs to the newest one.
+
+        Args:
+            outcome: the verdict's name.
+            reason: of it.
+            duration_s: of the grasp [s].
+            latency_s: from the deciding event to the decision [s].
+            fingers: what the verdict knew of each.
+            decided_stamp_s: of the tendon/state that decided, by the cell's clock [s]; NaN = none did.
+        """
         record = self._running or (self._records[-1] if self._records else None)
         if record is None:
             return
         record.outcome, record.reason = outcome, reason
         record.duration_s, record.latency_s, record.fingers = duration_s, latency_s, tuple(fingers)
-        record.decided_s = self._now_s() - record.started_s
+        record.decided_s = place_of(record.samples, decided_stamp_s)
         self.version += 1
 
     def _begin(self, cell: CellView) -> None:
@@ -158,6 +190,30 @@ class GraspHistory:
         self.version += 1
         record.duration_s = record.duration_s or record.ended_s - record.started_s
         record.outcome = record.outcome or _counted_outcome(self._counts, cell)
+
+
+def place_of(samples: Sequence[GraspSample], stamp_s: float) -> float | None:
+    """Return where a stamp of the cell lies on the curve's own time.
+
+    The cell may live in a time of its own, so the samples around it say how one becomes the other. The panel sees only
+    a part of the samples: the one that decided may lie between two of them, or just after the last.
+
+    Args:
+        samples: in order.
+        stamp_s: by the cell's clock [s].
+
+    Returns:
+        seconds since the grasp began; None where no sample has a stamp, or there is none to place.
+    """
+    known = [one for one in samples if math.isfinite(one.stamp_s)]
+    if not known or not math.isfinite(stamp_s):
+        return None
+    after = next((k for k, one in enumerate(known) if one.stamp_s >= stamp_s), len(known))
+    high_number = min(max(after, 1), len(known) - 1)
+    low, high = known[max(0, high_number - 1)], known[high_number]
+    passed_s = high.stamp_s - low.stamp_s
+    pace = (high.at_s - low.at_s) / passed_s if passed_s > 0.0 else 1.0
+    return max(0.0, low.at_s + pace * (stamp_s - low.stamp_s))
 
 
 def _counted_outcome(before: CellView | None, after: CellView) -> str:

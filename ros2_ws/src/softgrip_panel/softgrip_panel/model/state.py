@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -65,7 +66,7 @@ class PanelState:
 
     def __init__(self, now_s: Callable[[], float], monotonic_s: Callable[[], float]) -> None:
         self._now_s = now_s
-        self._monotonic_s = monotonic_s
+        self.monotonic_s = monotonic_s
         self._lock = threading.RLock()
         self.control = ControlDesk(monotonic_s)
         self.alarms = AlarmBook(now_s)
@@ -128,7 +129,7 @@ class PanelState:
     def observe_tendons(self, tendons: Sequence[TendonView]) -> None:
         """Take tendon/status; the fault table of the driver says what a fault means and what to do."""
         with self._lock:
-            self._heard_s = self._monotonic_s()
+            self._heard_s = self.monotonic_s()
             self.tendons = tuple(tendons)
             self.alarms.observe("tendon/status", dict(_tendon_alarm(one) for one in tendons if _is_alarm(one)))
             self.alarms.observe("silence", {})
@@ -159,16 +160,21 @@ class PanelState:
             servos = {name: values for name, values in own.items() if _ZERO in values}
             self.bench = replace(self.bench, bus=own[_BUS], servos=servos, reports=self.bench.reports + 1)
 
-    def observe_tensions(self, tensions: Sequence[TensionView]) -> None:
-        """Take the newest tendon/state beside its prediction."""
+    def observe_tensions(self, tensions: Sequence[TensionView], stamp_s: float = math.nan) -> None:
+        """Take the newest tendon/state beside its prediction.
+
+        Args:
+            tensions: of every tendon.
+            stamp_s: of the message, by the cell's clock [s].
+        """
         with self._lock:
             self.tensions = tuple(tensions)
-            self.grasps.observe_tensions(self.tensions)
+            self.grasps.observe_tensions(self.tensions, stamp_s)
 
     def advance(self) -> None:
         """Let time pass: what falls silent is an alarm, and alarms live on."""
         with self._lock:
-            silent_s = self._monotonic_s() - self._heard_s
+            silent_s = self.monotonic_s() - self._heard_s
             if silent_s > SILENCE_S:
                 fact = AlarmFact(
                     "tendon/status",
@@ -182,7 +188,7 @@ class PanelState:
     @property
     def is_stale(self) -> bool:
         """Whether the driver is not heard: what is shown may be old."""
-        return self._monotonic_s() - self._heard_s > SILENCE_S
+        return self.monotonic_s() - self._heard_s > SILENCE_S
 
     def note(self, who: str, act: str, subject: str, *, success: bool, message: str) -> None:
         """Let every page see what somebody did."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, Final
 
+from softgrip_panel.errors import ActRefusedError
 from softgrip_panel.model import acts
 from softgrip_panel.model.acts import Act, ActResult
 from softgrip_panel.model.desk import ActDesk
@@ -212,16 +213,30 @@ class Worker:
             self.run.plan(steps, result.answer)
         return result
 
-    def start(self, person: Person, options: WorkOptions) -> None:
+    def start(self, person: Person, options: WorkOptions) -> ActResult:
         """Begin, or go on after a pause."""
-        if self.run.phase in (WorkPhase.PLANNED, WorkPhase.PAUSED) and (self._task is None or self._task.done()):
+
+        def begin() -> str:
+            if self.run.phase not in (WorkPhase.PLANNED, WorkPhase.PAUSED):
+                raise ActRefusedError(f"expected a run that is planned or paused, found one that is {self.run.phase}")
+            if self._task is not None and not self._task.done():
+                raise ActRefusedError("expected the last product to be done with, found it under way; wait for it")
             self.run.go_to(WorkPhase.RUNNING)
             self._task = asyncio.get_running_loop().create_task(self._work(person, options))
+            return f"runs; {sum(not item.outcome for item in self.run.items)} products to come"
 
-    def pause(self) -> None:
-        """Begin nothing new; what goes on is brought to its end."""
-        if self.run.phase is WorkPhase.RUNNING:
+        return self._desk.carry_out(person, "start_run", "", begin, needs_control=True)
+
+    def pause(self, person: Person) -> ActResult:
+        """Begin nothing new; what goes on is brought to its end. Whoever operates may, since it ends motions."""
+
+        def pause() -> str:
+            if self.run.phase is not WorkPhase.RUNNING:
+                raise ActRefusedError(f"expected a run that goes on, found one that is {self.run.phase}")
             self.run.go_to(WorkPhase.PAUSED)
+            return "begins nothing new"
+
+        return self._desk.carry_out(person, "pause_run", "", pause, needs_control=False)
 
     async def _work(self, person: Person, options: WorkOptions) -> None:
         while self.run.phase is WorkPhase.RUNNING:

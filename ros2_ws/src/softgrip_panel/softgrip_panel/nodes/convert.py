@@ -169,6 +169,11 @@ def grasp_decision(result: Grasp.Result) -> tuple[FingerDecision, ...]:
     )
 
 
+def decided_stamp_s(result: Grasp.Result) -> float:
+    """Return the stamp of the tendon/state that decided [s]; NaN when none did."""
+    return seconds(result.decision.stamp) or math.nan
+
+
 def finger_views(message: FingerStates) -> tuple[FingerView, ...]:
     """Return joints, rounded to a degree's tenth: a resting finger changes nothing."""
     return tuple(

@@ -39,6 +39,7 @@ from softgrip_nodekit import (
     ParameterTable,
     StartupError,
     run,
+    seconds,
     startup_errors,
     steady_timer,
 )
@@ -234,7 +235,7 @@ class PanelNode(CellNode):
             self._predicted = predicted
             self._state.predicted = convert.finger_views(predicted)
         if tendons is not None:
-            self._state.observe_tensions(convert.tension_views(tendons, self._predicted))
+            self._state.observe_tensions(convert.tension_views(tendons, self._predicted), seconds(tendons.header.stamp))
         self._sample_fingers()
         self._sample_picture()
 
@@ -370,6 +371,7 @@ class PanelNode(CellNode):
                     duration_s=float(result.duration),
                     latency_s=float(result.latency),
                     fingers=convert.grasp_decision(result),
+                    decided_stamp_s=convert.decided_stamp_s(result),
                 )
                 return outcome == "GRIPPED", f"{outcome}: {result.reason}"
             if act == "calibrate":

@@ -166,6 +166,11 @@ class Page:
         if self._is_known():
             background_tasks.create(perform())
 
+    def known(self, change: Callable[[Person], ActResult]) -> None:
+        """Do what the panel does itself, while this page's session goes on."""
+        if self._is_known():
+            change(self.person)
+
     def commands(self, *acts: Act) -> None:
         """Show the commands that do the same."""
         with element("details", classes="same"):
@@ -189,6 +194,7 @@ class Page:
                     self.shown.text(text_element("strong", "", "mode", id="mode"), self._mode_text), self._mode_name
                 )
                 self.shown.text(text_element("span", "", "stop-note", id="stop-note"), self._stop_text)
+            self._calls_for_attention()
             with element("div", classes="facts control", role="group", aria_label=self.t("control.label")):
                 self.shown.text(text_element("span", "", id="control"), self._control_text)
                 with element("div", classes="row"):
@@ -199,16 +205,28 @@ class Page:
                     text_element("button", self.t("login.logout"), "small", type="submit")
                 text_element("button", self.t("theme"), "small", type="button", id="theme")
 
+    def _calls_for_attention(self) -> None:
+        """Make what a person has to see on whatever page: alarms, and what waits for hands."""
+        state, shown = self.state, self.shown
+        with element("div", classes="facts attention", role="status"):
+            alarms = text_element("a", "", "bad", href="/#alarms", id="alarm-count")
+            shown.text(alarms, lambda: self.t("alarms.count", count=state.alarms.count))
+            shown.visible(alarms, lambda: state.alarms.count > 0)
+            swap = text_element("a", self.t("swap.waits"), href="/swap", id="swap-waits")
+            shown.visible(swap, lambda: state.swap.view.is_open and state.swap.view.needs_confirmation)
+            rig = text_element("a", self.t("friction.waits"), href="/friction", id="rig-waits")
+            shown.visible(rig, lambda: state.rig.needs_confirmation)
+
     def _control_buttons(self) -> None:
         desk, shown, person = self.desk, self.shown, self.person
         if person.role < Role.OPERATE:
             return
-        take = self.button("control.take", lambda: self._known(desk.take_control), "small")
+        take = self.button("control.take", lambda: self.known(desk.take_control), "small")
         shown.text(take, lambda: self.t("control.take" if self._is_free() else "control.ask"))
         shown.visible(take, lambda: not self.has_control)
-        back = self.button("control.give_back", lambda: self._known(desk.give_back), "small")
+        back = self.button("control.give_back", lambda: self.known(desk.give_back), "small")
         shown.visible(back, lambda: self.has_control)
-        over = self.button("control.hand_over", lambda: self._known(desk.hand_over), "small loud")
+        over = self.button("control.hand_over", lambda: self.known(desk.hand_over), "small loud")
         shown.text(over, lambda: self.t("control.hand_over").format(name=self._asker()))
         shown.visible(over, lambda: self.has_control and bool(self._asker()))
         if person.role >= Role.ENGINEER:
@@ -220,7 +238,7 @@ class Page:
             reason = ui.input(self.t("control.force_reason"))
 
             def force() -> None:
-                self._known(lambda person: self.desk.force_control(person, str(reason.value or "")))
+                self.known(lambda person: self.desk.force_control(person, str(reason.value or "")))
                 dialog.close()
 
             self.button("control.force", force, "loud")
@@ -273,10 +291,6 @@ class Page:
             return True
         ui.navigate.to("/login")
         return False
-
-    def _known(self, change: Callable[[Person], ActResult]) -> None:
-        if self._is_known():
-            change(self.person)
 
     def _refresh(self) -> None:
         self.state.control.see(self.person.session)

@@ -28,7 +28,7 @@ from softgrip_panel.model.facts import FingerRecordView
 from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
 from softgrip_panel.model.lens import LensViews
 from softgrip_panel.model.parameters import ParameterReader
-from softgrip_panel.model.records import export_csv, grasp_rows
+from softgrip_panel.model.records import GraspFilter, export_csv, grasp_rows
 from softgrip_panel.model.roles import Role
 from softgrip_panel.model.shapes import FaceOwners, PanelShape, pack_faces, pack_shape
 from softgrip_panel.model.tensioning import Tensioning
@@ -178,9 +178,11 @@ class PanelSite:
         key = "estop.done" if result.success else "estop.failed"
         return JSONResponse({"success": result.success, "text": self.texts(key, message=result.message)})
 
-    async def _grasps_csv(self) -> Response:
+    async def _grasps_csv(self, product: str = "", serial: str = "", outcome: str = "") -> Response:
+        chosen = GraspFilter(product, serial, outcome)
         with self.desk.state.locked() as state:
-            text = export_csv(grasp_rows(state.grasps.records, state.counted))
+            rows = grasp_rows(state.grasps.records, state.counted)
+        text = export_csv(row for row in rows if chosen.admits(row))
         return Response(text, media_type="text/csv", headers={"content-disposition": "attachment; filename=grasps.csv"})
 
     async def _grasp_picture(self, number: int, moment: str) -> Response:

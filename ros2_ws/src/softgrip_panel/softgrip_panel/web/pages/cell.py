@@ -128,11 +128,12 @@ def _actions(page: Page) -> None:
         with element("div", classes="row"):
             button = page.button("cell.hold", hold, "big", page.t("cell.hold_hint"))
             shown.enabled(button, lambda: page.may_act and _is_idle(page))
-            page.button("cell.release", page.do(acts.release()), "big", page.t("cell.release_hint"))
+            page.button("cell.release", page.do(acts.release()), "big")
             cancel = page.button("cell.cancel", lambda: page.desk.stop_action(page.person, "grasp"))
             shown.visible(cancel, lambda: state.cell is not None and state.cell.mode == "GRASPING")
             home = page.button("cell.home", page.do(acts.home()))
             shown.enabled(home, lambda: page.may_act and _is_idle(page))
+        text_element("p", page.t("cell.release_hint"), "note", id="release-hint")
         _emulated(page, product)
         page.commands(acts.estop(), acts.release(), acts.grasp("egg", confirm_lift=False), acts.home())
 

@@ -87,5 +87,8 @@ def _contact_text(page: Page, number: int) -> str:
         return ""
     one = page.state.tensions[number]
     if math.isnan(one.contact_tension_n):
-        return page.t("fingers.contact_unknown", name=one.name)
-    return page.t("fingers.contact_line", name=one.name, tension=f"{one.contact_tension_n:.0f}")
+        text = page.t("fingers.contact_unknown", name=one.name)
+    else:
+        text = page.t("fingers.contact_line", name=one.name, tension=f"{one.contact_tension_n:.0f}")
+    judged = page.state.grasps.judged(one.name)
+    return f"{text}; {page.t('fingers.contact_judged', state=judged.state)}" if judged else text

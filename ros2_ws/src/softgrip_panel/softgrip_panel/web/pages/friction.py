@@ -174,6 +174,7 @@ def _ask_activate(page: Page, model: str) -> None:
         text_element("h2", page.t("friction.activate_title", model=model))
         reason = ui.input(page.t("records.reason")).props("outlined autofocus").classes("grow activate-reason")
         problem = text_element("p", "", "problem", role="alert")
+        page.commands(acts.activate_friction(model, ""))
 
         def activate() -> None:
             if not str(reason.value or "").strip():

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 from typing import Any
+from urllib.parse import urlencode
 
 from nicegui import ui
 
@@ -35,15 +37,19 @@ def _list(page: Page, show: object) -> None:
             product = ui.input(page.t("grasps.product")).props("outlined dense").classes("grow")
             serial = ui.input(page.t("grasps.finger")).props("outlined dense").classes("grow")
             outcome = ChoiceField(page.t("grasps.verdict"), {one: one or page.t("grasps.every") for one in OUTCOMES})
-        text_element("a", page.t("grasps.export"), "export", href="/grasps.csv", download="grasps.csv")
+        export = text_element("a", page.t("grasps.export"), "export", id="export", download="grasps.csv")
         body = table(page, "grasps.at", "grasps.product", "grasps.set", "grasps.verdict", "grasps.why", "grasps.show")
 
         none = text_element("p", page.t("grasps.none"), "note")
 
+        def chosen() -> GraspFilter:
+            return GraspFilter(str(product.value or ""), str(serial.value or ""), outcome.value)
+
+        page.shown.state(export, lambda: f"/grasps.csv?{urlencode(asdict(chosen()))}", "href")
+
         def look() -> tuple[object, ...]:
             """Return what the list depends on; the list itself is made only when that has changed."""
-            chosen = GraspFilter(str(product.value or ""), str(serial.value or ""), outcome.value)
-            return page.state.grasps.version, page.state.counted, chosen
+            return page.state.grasps.version, page.state.counted, chosen()
 
         def write(seen: tuple[Any, ...]) -> None:
             rows = grasp_rows(page.state.grasps.records, page.state.counted)

@@ -73,6 +73,8 @@ def _ask_retire(page: Page, record: FingerRecordView) -> None:
         text_element("p", page.t("records.retire_note"))
         reason = ui.input(page.t("records.reason")).props("outlined autofocus").classes("grow retire-reason")
 
+        page.commands(acts.retire_finger(record.serial, page.person.name, page.t("records.reason")))
+
         def retire() -> None:
             page.begin(acts.retire_finger(record.serial, page.person.name, str(reason.value or "")))
             dialog.close()

@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from softgrip_panel.errors import PanelError
+from softgrip_panel.model import acts
 from softgrip_panel.model.facts import ProductView
 from softgrip_panel.model.orders import MAX_BYTES, read_orders
 from softgrip_panel.model.roles import Role
@@ -72,6 +73,7 @@ def _orders(page: Page) -> None:
             background_tasks.create(ask())
 
         page.button("work.plan", plan, "big")
+        page.commands(acts.plan(["egg", "grape"], [2, 1], keep_order=False))
 
 
 def _run(page: Page, run: WorkRun) -> None:
@@ -103,7 +105,7 @@ def _run(page: Page, run: WorkRun) -> None:
                 pause_on_failure=bool(pause.value),
                 emulated_hands=page.state.is_emulated and bool(hands.value),
             )
-            worker.start(page.person, options)
+            page.known(lambda person: worker.start(person, options))
 
         with element("div", classes="row"):
             begin = page.button("work.start", start, "big", name="work-start")
@@ -111,8 +113,9 @@ def _run(page: Page, run: WorkRun) -> None:
             shown.enabled(
                 begin, lambda: page.may_act and run.phase in (WorkPhase.PLANNED, WorkPhase.PAUSED) and bool(run.items)
             )
-            stop = page.button("work.pause", worker.pause, "big", name="work-pause")
+            stop = page.button("work.pause", lambda: page.known(worker.pause), "big", name="work-pause")
             shown.enabled(stop, lambda: run.phase is WorkPhase.RUNNING)
+        page.commands(acts.swap("power"), acts.grasp("egg"), acts.release())
         link = text_element("a", page.t("work.to_swap"), "instruction", href="/swap")
         shown.visible(link, lambda: page.state.swap.view.is_open)
 

@@ -213,7 +213,7 @@ function drawGrasp(canvas) {
   const pen = canvas.getContext("2d");
   pen.clearRect(0, 0, canvas.width, canvas.height);
   const [left, bottom] = [44, canvas.height - 24];
-  const end = Math.max(1, samples.length ? samples[samples.length - 1][0] : 1);
+  const end = Math.max(1, samples.length ? samples[samples.length - 1][0] : 1, decided ?? 0);
   const top = Math.max(10, ...samples.flatMap((one) => one.slice(1)).map((n) => n ?? 0));
   const place = (s, n) => [left + (s / end) * (canvas.width - left - 8), bottom - (Math.max(0, n) / top) * (bottom - 30)];
   pen.font = "15px system-ui, sans-serif";
@@ -237,8 +237,8 @@ function drawGrasp(canvas) {
   if (decided !== null) {
     pen.strokeStyle = colour("--text");
     pen.beginPath();
-    pen.moveTo(place(Math.min(decided, end), 0)[0], 26);
-    pen.lineTo(place(Math.min(decided, end), 0)[0], bottom);
+    pen.moveTo(place(decided, 0)[0], 26);
+    pen.lineTo(place(decided, 0)[0], bottom);
     pen.stroke();
   }
 }
