@@ -91,6 +91,17 @@ def test_the_tables_hold_the_figures_of_the_report(sql: duckdb.DuckDBPyConnectio
         assert row[4] == pytest.approx(one["from_stamp_ms"][2], rel=1e-3)  # the report rounds to four digits
 
 
+def test_the_numbers_behind_a_verdict_are_columns(sql: duckdb.DuckDBPyConnection) -> None:
+    key = [bag_digest(BAGS / "grasps")]
+    rows = sql.execute(
+        "SELECT epoch_ns(decided), phase, evidence FROM grasps WHERE bag = ? ORDER BY stamp", key
+    ).fetchall()
+    recorded = [json.loads(grasp.evidence) for grasp in digest(BAGS / "grasps").grasps]
+    assert any(one["fingers"] for one in recorded)
+    for (decided, phase, fingers), one in zip(rows, recorded, strict=True):
+        assert ((decided or 0), phase, fingers) == (one["stamp_ns"], one["phase"], one["fingers"])
+
+
 def test_every_message_is_a_row_with_the_values_that_rosbags_reads(sql: duckdb.DuckDBPyConnection) -> None:
     with AnyReader([BAGS / "closings"]) as reader:
         topics = {connection.topic: connection for connection in reader.connections}
@@ -202,6 +213,51 @@ def test_success_has_wilsons_interval(sql: duckdb.DuckDBPyConnection) -> None:
     _, _, grasps, gripped, share, low, high = row
     interval = binomtest(gripped, grasps).proportion_ci(method="wilson")
     assert (share, low, high) == pytest.approx((gripped / grasps, interval.low, interval.high), abs=1e-3)
+
+
+def test_drift_of_a_finger_is_that_of_its_closings(sql: duckdb.DuckDBPyConnection) -> None:
+    drift = sql.execute(shipped_queries()["finger_drift"])
+    columns = [column[0] for column in drift.description or ()]
+    found = [dict(zip(columns, row, strict=True)) for row in drift.fetchall()]
+    closings = sql.execute("SELECT profile, finger, tip_error_mean FROM closings").fetchall()
+    assert sorted((one["profile"], one["finger"], pytest.approx(one["tip_error_mean"])) for one in found) == sorted(
+        closings
+    )
+    assert {one["serial"] for one in found} == {"HK-I-01", "PI-I-01", "PW-I-01"}
+
+
+def test_another_copy_in_the_slot_is_no_drift() -> None:
+    """One copy is 2 % off and drifts to 3 %; another, that follows it in the same slot within a bag, is 6 % off."""
+    with duckdb.connect() as made:
+        made.execute("""
+            CREATE TABLE bags AS SELECT * FROM (VALUES ('a', 1), ('b', 2)) AS x(bag, start);
+            CREATE TABLE cell_state AS SELECT bag, received, mode_name,
+              [{finger: 'index', serial: serial, profile: 'power'}] AS mounted
+            FROM (VALUES ('a', 0, 'IDLE', 'PW-I-01'), ('a', 20, 'IDLE', 'PW-I-02'), ('b', 40, 'IDLE', 'PW-I-01'),
+              ('b', 50, 'GRASPING', 'PW-I-01'), ('b', 60, 'IDLE', '')) AS x(bag, received, mode_name, serial);
+            CREATE TABLE finger_residual AS SELECT 'root' AS cell, bag, received, 'index' AS finger, tip_error_percent
+            FROM (VALUES ('a', 10, 2.0), ('a', 11, 2.0), ('a', 30, 6.0), ('b', 45, 3.0), ('b', 46, 'nan'::DOUBLE),
+              ('b', 55, 50.0), ('b', 65, 70.0)) AS x(bag, received, tip_error_percent);
+        """)
+        rows = made.execute(
+            f"SELECT serial, start, frames, tip_error_mean, drift FROM ({shipped_queries()['finger_drift']})"
+        ).fetchall()
+    assert rows == [("PW-I-01", 1, 2, 2.0, 0.0), ("PW-I-01", 2, 1, 3.0, 1.0), ("PW-I-02", 1, 1, 6.0, 0.0)]
+
+
+def test_a_finger_has_the_grasps_that_ended_with_it(sql: duckdb.DuckDBPyConnection) -> None:
+    lives = dict(sql.execute("SELECT serial, grasps FROM finger_life").fetchall())
+    with AnyReader([BAGS / "grasps"]) as reader:
+        (topic,) = [one for one in reader.connections if one.topic == "/cell/state"]
+        states = [(time, reader.deserialize(data, topic.msgtype)) for _, time, data in reader.messages([topic])]
+    expected = dict.fromkeys(lives, 0)
+    for grasp in digest(BAGS / "grasps").grasps:
+        before = [state for time, state in states if time <= grasp.time]
+        for finger in before[-1].mounted if before else ():
+            if finger.serial:
+                expected[finger.serial] += 1
+    assert lives == expected
+    assert sum(expected.values()) > 0
 
 
 def test_a_plot_and_rows_for_programs(place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,15 @@ def _field(name: str, kind: pa.DataType, unit: str = "", comment: str = "") -> p
 _TEXT, _FLOAT, _COUNT, _FLAG = pa.string(), pa.float64(), pa.int64(), pa.bool_()
 _BAG = _field("bag", _TEXT, comment="first digits of the bag's SHA-256")
 
+#: softgrip_interfaces/FingerEvidence: what the verdict knew of one finger; NaN of the message is empty.
+_EVIDENCE = pa.struct([
+    _field("finger", _TEXT), _field("state", _TEXT),
+    *(_field(name, _FLOAT, "N") for name in (
+        "contact_tension", "contact_tension_stddev", "threshold", "peak_contact_tension", "max_force",
+    )),
+    _field("tip_deviation", _FLOAT, "m"),
+])  # fmt: skip
+
 SCHEMAS: Mapping[str, pa.Schema] = {
     "bags": pa.schema([
         _BAG, _field("name", _TEXT), _field("start", _STAMP), _field("duration_s", _FLOAT, "s"),
@@ -35,7 +45,9 @@ SCHEMAS: Mapping[str, pa.Schema] = {
     "grasps": pa.schema([
         _BAG, _field("stamp", _STAMP), _field("product", _TEXT), _field("finger_set", _TEXT), _field("outcome", _TEXT),
         _field("reason", _TEXT), _field("latency_s", _FLOAT, "s", "from the deciding event to the decision"),
-        _field("duration_s", _FLOAT, "s"), _field("evidence", _TEXT, comment="JSON: the numbers behind the decision"),
+        _field("duration_s", _FLOAT, "s"),
+        _field("decided", _STAMP, comment="stamp of the tendon/state that decided; empty when none did"),
+        _field("phase", _TEXT, comment="in which it was decided"), _field("evidence", pa.list_(_EVIDENCE)),
     ]),
     "closings": pa.schema([
         _BAG, _field("profile", _TEXT), _field("finger", _TEXT), _field("frames", _COUNT),
@@ -130,8 +142,15 @@ def _grasp_row(grasp: RecordedGrasp, modes: Sequence[RecordedMode]) -> dict[str,
         "reason": grasp.reason,
         "latency_s": grasp.latency,
         "duration_s": grasp.duration,
-        "evidence": grasp.evidence,
+        **_decision(grasp.evidence),
     }
+
+
+def _decision(evidence: str) -> dict[str, Any]:
+    if not evidence:
+        return {}
+    found = json.loads(evidence)
+    return {"decided": found["stamp_ns"] or None, "phase": found["phase"], "evidence": found["fingers"]}
 
 
 def _mode_rows(modes: Sequence[RecordedMode], end_ns: int) -> list[dict[str, Any]]:

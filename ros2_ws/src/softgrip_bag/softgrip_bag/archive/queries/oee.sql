@@ -1,7 +1,7 @@
 -- Overall equipment effectiveness of each cell and day: availability * performance * quality (definitions: docs/archive.md).
 WITH time AS (
-  SELECT cell, date, sum(duration_s) AS total_s, sum(duration_s) FILTER (mode IN ('FAULT', 'ESTOP')) AS down_s,
-    sum(duration_s) FILTER (mode IN ('GRASPING', 'HOLDING')) AS work_s FROM modes GROUP BY ALL
+  SELECT cell, date, sum(duration_s) AS total_s, sum(duration_s) FILTER (mode IN ('FAULT', 'ESTOP')) AS down_s
+  FROM modes GROUP BY ALL
 ), best AS (
   SELECT product, quantile_cont(duration_s, 0.1) AS ideal_s FROM grasps WHERE outcome = 'GRIPPED' GROUP BY ALL
 ), work AS (
