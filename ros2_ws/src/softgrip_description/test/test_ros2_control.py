@@ -52,6 +52,6 @@ def test_the_shipped_controller_claims_interfaces_that_the_joint_has(text: str) 
     joint = ET.fromstring(text).find("ros2_control").find("joint")
     commands = {f"{joint.get('name')}/{one.get('name')}" for one in joint.iter("command_interface")}
     states = {one.get("name") for one in joint.iter("state_interface")}
-    controller = yaml.safe_load(CONTROLLERS.read_text())["gripper_controller"]["ros__parameters"]
+    controller = yaml.safe_load(CONTROLLERS.read_text())["/**/gripper_controller"]["ros__parameters"]
     assert {f"{controller['joint']}/position", controller["max_effort_interface"]} <= commands
     assert {"position", "velocity"} <= states
