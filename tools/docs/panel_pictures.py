@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Takes docs/images/panel_*.png: every page of the panel of an emulated cell that runs, by clicks in a real Chromium.
+
+make cell, then: .venv/bin/python tools/docs/panel_pictures.py http://127.0.0.1:8480
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from PIL import Image
+
+from softgrip_testing.browser import PanelBrowser
+
+PICTURES = Path(__file__).resolve().parents[2] / "docs/images"
+SIZE = (1280, 1000)
+#: The pages are of few colours: so many keep their pictures small.
+COLOURS = 64
+#: The button that is there while the rig asks for a point.
+ASKED = "[data-name='rig-done']:not(.hidden)"
+#: So many points stand in the picture of page Friction.
+PICTURED_POINT = 3
+
+
+def take(browser: PanelBrowser, folder: Path, name: str) -> None:
+    """Write what is seen now; a notice that lies over the page is waited for."""
+    browser.wait(lambda: not browser.text(".said"), "a page without a notice")
+    browser.script("window.scrollTo(0, 0)")
+    picture = Image.open(io.BytesIO(browser.driver.get_screenshot_as_png())).convert("RGB")
+    picture.quantize(COLOURS, dither=Image.Dither.NONE).save(folder / f"panel_{name}.png", optimize=True)
+
+
+def swap(browser: PanelBrowser, folder: Path) -> None:
+    """Mount the power hand; the picture is of the step that asks for serials."""
+    browser.open("/swap")
+    browser.press("swap-power")
+    for word in ("open", "unhook", "insert", "close"):
+        browser.wait(lambda word=word: word in browser.text("#instruction").lower(), f"an instruction to {word}")
+        if word == "insert":
+            take(browser, folder, "swap")
+            browser.press("propose")
+        browser.press("step-done")
+    browser.wait_for_text("#instruction", "Done: ")
+
+
+def work(browser: PanelBrowser, folder: Path) -> None:
+    """Run a short list."""
+    browser.open("/work")
+    browser.find("#orders textarea").send_keys("egg 2\norange 1")
+    browser.press("plan")
+    browser.wait_for_text("#work-phase", "Planned")
+    browser.press("work-start")
+    browser.wait(lambda: browser.text("#work-phase") in {"Done", "Paused"}, "the end of the run", 180.0)
+    take(browser, folder, "work")
+
+
+def hold(browser: PanelBrowser, folder: Path) -> None:
+    """Hold an egg."""
+    browser.open("/")
+    choice = "const s = document.querySelector('#acts select'); s.value = 'egg'; s.dispatchEvent(new Event('change'))"
+    browser.script(choice)
+    browser.press("place")
+    browser.press("hold")
+    browser.wait_for_text("#mode", "Holding")
+    take(browser, folder, "cell")
+    browser.open("/fingers")
+    browser.wait(lambda: "N" in browser.text("#contacts"), "the contact tension")
+    browser.wait(lambda: bool(browser.script("return document.getElementById('shape').dataset.number")), "a shape")
+    take(browser, folder, "fingers")
+    browser.open("/")
+    browser.press("release")
+    browser.wait_for_text("#mode", "Idle")
+
+
+def friction(browser: PanelBrowser, folder: Path) -> None:
+    """Measure nine points and accept the model: a grasp wants a young one. The picture is of one being asked for."""
+    browser.open("/friction")
+    browser.press("rig-begin")
+
+    def ended() -> bool:
+        return "SUCCEEDED" in browser.text("#rig-instruction")
+
+    def points() -> int:
+        return browser.count("#rig-points tbody tr")
+
+    while not ended():
+        browser.wait(lambda: browser.count(ASKED) > 0 or ended(), "the next point, or the end")
+        before = browser.text("#rig-instruction"), points()
+        if points() == PICTURED_POINT:
+            take(browser, folder, "friction")
+        if not ended():
+            browser.press("rig-done")
+            changed = lambda before=before: (browser.text("#rig-instruction"), points()) != before  # noqa: E731
+            browser.wait(changed, "the point's T1 and T2")
+    browser.press("accept")
+    browser.find(".activate-reason input").send_keys("first of this cell")
+    browser.press("activate-confirm")
+    browser.wait_for_text("#friction-models", "active")
+
+
+def shown(browser: PanelBrowser, folder: Path) -> None:
+    """Take the pages that need no clicks."""
+    browser.open("/grasps")
+    browser.press("show-1")
+    browser.wait(lambda: browser.count(".pictures img") == len(("before", "at", "after")), "its pictures")
+    take(browser, folder, "grasps")
+    for name in ("records", "bags", "setup"):
+        browser.open(f"/{name}")
+        browser.wait(lambda: browser.count("body.disconnected") == 0, "live data")
+        take(browser, folder, name)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Take them all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("address", help="of the page, as the cell says it")
+    parser.add_argument("--folder", type=Path, default=PICTURES, help="to write to")
+    arguments = parser.parse_args(argv)
+    with PanelBrowser(arguments.address, SIZE) as browser:
+        browser.log_in("Ada")
+        browser.wait(lambda: browser.text("#mode") in {"Idle", "Holding"}, "a cell that is up")
+        browser.press("take")
+        for part in (friction, swap, work, hold, shown):
+            part(browser, arguments.folder)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
