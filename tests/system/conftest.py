@@ -30,6 +30,7 @@ class Launched:
         self.domain = domain
         self.environment = os.environ | {
             "ROS_DOMAIN_ID": str(domain),
+            "ROS_HOME": str(log.parent / "ros_home"),
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
         }
         self.started = time.monotonic()

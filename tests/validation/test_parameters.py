@@ -30,6 +30,11 @@ def test_every_value_has_a_unit_comment_and_reads_back_as_its_type(path: Path) -
         assert lines[at - 1].strip().startswith("# ["), name
 
 
+def test_real_hardware_keeps_stop_and_lock_with_the_port_whatever_the_launch_s_folder() -> None:
+    document = yaml.safe_load((parameters.CONFIG.parent / "settings" / "real.yaml").read_text())
+    assert document["/**/tendon_driver"]["ros__parameters"] == {"safety_file": ""}
+
+
 def test_real_hardware_begins_with_the_tolerances_that_sources_state() -> None:
     """Those of the shipped file are true of the emulated cell's printer and cable."""
     document = yaml.safe_load((parameters.CONFIG.parent / "settings" / "real.yaml").read_text())

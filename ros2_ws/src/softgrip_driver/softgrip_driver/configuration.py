@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -14,6 +13,7 @@ from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.gripper import Block, GripperController, Policies, StopPolicy, never_blocked
 from softgrip_driver.tendon.limits import LIMIT_PARAMETERS, TendonLimits
 from softgrip_driver.tendon.rest import rest_stride
+from softgrip_driver.tendon.safety_store import port_file
 from softgrip_driver.tendon.units import Spool
 
 
@@ -106,9 +106,7 @@ def _safety_file(values: Mapping[str, Any]) -> Path:
     """
     if values["safety_file"]:
         return Path(values["safety_file"]).expanduser()
-    home = Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser()
-    port = "".join(character if character.isalnum() else "-" for character in values["port"]).strip("-")
-    return home / "softgrip" / f"tendon_safety-{port}.yaml"
+    return port_file(values["port"])
 
 
 def _limits(values: Mapping[str, Any]) -> TendonLimits:

@@ -6,10 +6,19 @@ from pathlib import Path
 
 import pytest
 
+from softgrip_description.cell_file import ChainServo, ServoChain
+from softgrip_driver.commands import calibrate_tension
 from softgrip_driver.tendon.blocking import block_of, keeps_torque
 from softgrip_driver.tendon.gripper import Policies, StopPolicy
 from softgrip_driver.tendon.safety import Safety, SafetyRefusal
-from softgrip_driver.tendon.safety_store import SafetyStore, SafetyStoreError, StopCause
+from softgrip_driver.tendon.safety_store import (
+    SafetyStore,
+    SafetyStoreError,
+    StopCause,
+    check_port_is_free_to_move,
+    port_file,
+)
+from softgrip_driver.wizard.chain import chain_backend
 
 LET_GO, HOLD = StopPolicy.LET_GO, StopPolicy.HOLD
 
@@ -281,3 +290,49 @@ def test_a_lock_lets_go_whatever_the_policies(path):
     assert block.lets_go
     assert block.is_stop
     assert not keeps_torque(safety.record, policies)
+
+
+# --- commands that move a port's drives without the driver -----------------------------------------------------------
+
+PORT = "/tmp/wires/servos"
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch) -> Path:
+    """Where the port's stop and lock are kept."""
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
+    return port_file(PORT)
+
+
+def locked(safety: Safety) -> None:
+    safety.acquire_lock("manager", "hands in the palm")
+
+
+def armed(safety: Safety) -> None:
+    safety.set_armed(armed=True)
+
+
+@pytest.mark.parametrize(
+    ("happens", "found"),
+    [
+        (stop, r"an emergency stop \(a person"),
+        (locked, r"hands in the cell \(hands in the palm"),
+        (armed, r"torque on \(a driver that works, or ended without letting go"),
+    ],
+)
+def test_who_moves_drives_without_the_driver_asks_what_it_kept(kept, happens, found):
+    check_port_is_free_to_move(PORT)
+    kept.parent.mkdir(exist_ok=True)
+    happens(process(kept))
+    with pytest.raises(SafetyStoreError, match=found):
+        check_port_is_free_to_move(PORT)
+
+
+def test_calibrate_tension_and_the_wizard_ask(kept, capsys):
+    kept.parent.mkdir(exist_ok=True)
+    stop(process(kept))
+    assert calibrate_tension.main(["--port", PORT, "--gauge", "/tmp/wires/gauge"]) == 1
+    assert "found an emergency stop (a person" in capsys.readouterr().err
+    chain = ServoChain(port=PORT, chain=(ChainServo("index", 1, "XL330-M288"),))
+    with pytest.raises(SafetyStoreError, match="an emergency stop"):
+        chain_backend(chain, chain.chain, 0.04, print)

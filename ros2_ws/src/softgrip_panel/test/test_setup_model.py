@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import math
 import shlex
+import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -268,6 +269,12 @@ def test_views_are_refused_where_they_show_nothing_new(tmp_path: Path, board_pic
     assert not (tmp_path / "views").exists()
     with pytest.raises(PanelError, match=r"3 \.\. 40 squares"):
         lens.start(1, 6, 16.0)
+
+
+def test_a_picture_that_claims_too_many_pixels_is_refused_before_it_is_unpacked() -> None:
+    header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII5B", 13, b"IHDR", 60_000, 60_000, 8, 2, 0, 0, 0)
+    with pytest.raises(PanelError, match=r"expected an image of 32000000 pixels at most, found 60000x60000"):
+        LensViews(None).take(header)
 
 
 def test_the_lens_of_the_pictures_is_found_and_too_few_are_not(board_pictures: list[bytes]) -> None:

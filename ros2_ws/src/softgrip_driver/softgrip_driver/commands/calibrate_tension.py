@@ -29,6 +29,7 @@ from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.rig.build import make_gauge
 from softgrip_driver.rig.devices import Gauge
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
+from softgrip_driver.tendon.safety_store import check_port_is_free_to_move
 from softgrip_driver.tendon.units import Spool, TorqueModel, fit_torque_model
 from softgrip_driver.tendon.winding import MotorReading, Winding, fit_winding
 from softgrip_driver.wizard.direction import read_drive
@@ -231,6 +232,7 @@ def _measured(options: argparse.Namespace) -> list[TensionSample]:
     model = MODELS[options.model]
     torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
     servo = ServoConfiguration("tendon", options.id, model, Spool(options.radius, options.direction), torque)
+    check_port_is_free_to_move(options.port)
     bus = Bus(options.port, options.baud, options.reply_margin)
     backend = DynamixelBackend(bus, [servo], watchdog=0.5, report=print)
     try:

@@ -8,6 +8,7 @@ can not be read with certainty counts as stopped.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
@@ -23,6 +24,13 @@ SCHEMA = 1
 #: Files of drivers on devices of this computer, which may be one and the same by several names: /dev/ttyUSB0 and
 #: /dev/serial/by-id/...
 DEVICE_FILES = "tendon_safety-dev-*.yaml"
+
+
+def port_file(port: str) -> Path:
+    """Return where emergency stop and lock of a port's drives are kept, whoever opens it: in the user's ROS folder."""
+    home = Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser()
+    name = "".join(character if character.isalnum() else "-" for character in port).strip("-")
+    return home / "softgrip" / f"tendon_safety-{name}.yaml"
 
 
 class StopCause(StrEnum):
@@ -166,3 +174,21 @@ def _record_of(body: Mapping[str, Any]) -> SafetyRecord:
 
 def _digest(body: Mapping[str, Any]) -> str:
     return hashlib.sha256(yaml.safe_dump(body, sort_keys=True).encode()).hexdigest()
+
+
+def check_port_is_free_to_move(port: str) -> None:
+    """For who moves the drives of a port without the driver.
+
+    Raises:
+        SafetyStoreError: the driver of this port is stopped, locked, at work, or ended without letting go.
+    """
+    store = SafetyStore(port_file(port))
+    record = store.load()
+    if record.is_at_rest:
+        return
+    found = "an emergency stop" if record.is_stopped else "hands in the cell" if record.is_locked else "torque on"
+    why = record.stop_reason or record.lock_reason or "a driver that works, or ended without letting go"
+    raise SafetyStoreError(
+        f"{port}: expected drives that nothing keeps from moving, found {found} ({why}; {store.path}); start the "
+        "driver and call estop_reset or tendon/unlock, then end it with Ctrl-C"
+    )

@@ -16,6 +16,7 @@ from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.gripper import GripperController, Policies
 from softgrip_driver.tendon.limits import LIMIT_PARAMETERS, TendonLimits
 from softgrip_driver.tendon.loop import BusLoop
+from softgrip_driver.tendon.safety_store import check_port_is_free_to_move
 from softgrip_driver.tendon.units import Spool, TorqueModel
 from softgrip_time import Clock
 
@@ -61,7 +62,12 @@ def chain_backend(
     report: Callable[[str], object],
     clock: Clock | None = None,
 ) -> DynamixelBackend:
-    """Return the backend of some servos of a chain, not connected; a direction that is not known is taken for 1."""
+    """Return the backend of some servos of a chain, not connected; a direction that is not known is taken for 1.
+
+    Raises:
+        SafetyStoreError: an emergency stop or a lock keeps the drives of the chain's port from moving.
+    """
+    check_port_is_free_to_move(chain.port)
     parameters = chain_parameters(chain)
     mode = OperatingMode(int(parameters.get("operating_mode", OperatingMode.CURRENT_BASED_POSITION)))
     limits = _limits(parameters)

@@ -7,12 +7,10 @@ import shutil
 from pathlib import Path
 from typing import Final
 
-import cv2
-import numpy as np
-
 from softgrip_panel.errors import PanelError
 from softgrip_vision.calibrating import MAX_VIEWS, Board, BoardView, LensFit, calibrate_lens, covered_cells, is_new_view
-from softgrip_vision.errors import VisionError
+from softgrip_vision.errors import FrameError, VisionError
+from softgrip_vision.frame import decode
 
 #: The board that `calibrate_camera target` draws: squares across and down, side [mm].
 COLUMNS, ROWS, SQUARE_MM = 11, 7, 24.0
@@ -59,10 +57,11 @@ class LensViews:
             raise PanelError(
                 f"expected at most {MAX_VIEWS} views, found {len(self.views)}; find the lens, or start again"
             )
-        image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR) if jpeg else None
-        if image is None:
-            raise PanelError("expected a picture of the camera, found none that can be read")
-        view = self.board.find(np.asarray(image, dtype=np.uint8), f"view {len(self.views) + 1}")
+        try:
+            image = decode(jpeg)
+        except FrameError as error:
+            raise PanelError(f"expected a picture of the camera, found none that can be read: {error}") from error
+        view = self.board.find(image, f"view {len(self.views) + 1}")
         if view is None:
             raise PanelError(
                 f"expected the board of {self.board.columns} x {self.board.rows} squares in the picture, found none; "
