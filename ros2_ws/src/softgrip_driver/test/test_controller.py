@@ -520,3 +520,20 @@ def test_a_setpoint_that_is_no_number_is_a_fault_that_holds(rig):
     assert rig.drive().fault == "invalid_setpoint"
     assert rig.fingers["a"].position - rig.fingers["a"].taut == pytest.approx(0.010, abs=2e-3)
     assert all(np.isfinite(action.setpoint.position) for action in rig.actions.values())
+
+
+def test_a_node_that_does_not_answer_stops_what_moves_and_leaves_what_holds(rig):
+    """What moves goes no further than it can brake, what holds keeps its tension, and the next order ends the fault."""
+    rig.run(rig.move(0.010, ["b"]))
+    held = rig.fingers["b"].position
+    rig.move(0.030, ["a"])
+    rig.pass_time(0.2)
+    at = rig.fingers["a"].position
+    rig.controller.hold_all("node 'grasp_mix_manager' does not answer")
+    rig.pass_time(1.0)
+    assert rig.drive("a").fault == "owner_lost"
+    assert rig.fingers["a"].position - at < 0.005
+    assert (rig.drive("b").fault, rig.drive("b").state) == ("", DriveState.HOLDING)
+    assert rig.fingers["b"].position == pytest.approx(held, abs=1e-4)
+    outcome, reason = rig.run(rig.move(0.012))
+    assert outcome is MoveOutcome.REACHED, reason
