@@ -219,8 +219,8 @@ def test_no_time_limit_of_the_drives_or_of_the_manager_is_another_one_on_emulate
         real, emulated = values_of(node), values_of(node, hardware="emulated")
         differing = {name for name in real.keys() & emulated.keys() if real[name] != emulated[name]}
         wires = {"port", "stage_port", "gauge_port", "time_scale"}
-        # simulated time needs no priority
-        assert differing <= {"use_sim_time", "lockstep", "realtime_priority"} | wires
+        # simulated time needs no priority; a real stop is the port's, not the folder's
+        assert differing <= {"use_sim_time", "lockstep", "realtime_priority", "safety_file"} | wires
         assert "use_sim_time" in differing
 
 

@@ -34,6 +34,8 @@ DEVICE_WAIT = 6.0
 DEVICE_POLL = 0.02
 #: [s] for the middleware to take leave of the others; launch sends its next signal after five.
 SHUTDOWN_TIMEOUT_S = 3.0
+#: [s] that making hardware safe may take before stderr shows what it waits for.
+CLOSING_S = 10.0
 STDERR = 2
 #: [s] for which a thread may keep Python to itself while others want it; Python's own is five times as long.
 SWITCH_INTERVAL = 0.001
@@ -201,6 +203,7 @@ def _await_devices(paths: Sequence[Path]) -> None:
 
 def _leave(node: CellNode | None, executor: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not cut the way to safe short
+    faulthandler.dump_traceback_later(CLOSING_S, file=STDERR)
     try:
         if node is not None:
             node.close()
