@@ -39,7 +39,8 @@ def test_a_camera_is_found_where_it_was_put(
         return  # the base lies behind such a camera
     found = camera_pose(LENS, plane_of(rotation, position, factor))
     assert found.position_m == pytest.approx(position, abs=1e-9)
-    assert (Rotation.from_quat(found.quaternion).inv() * rotation).magnitude() < 1e-7
+    # OpenCV takes turns of less than 1e-5 rad for none
+    assert (Rotation.from_quat(found.quaternion).inv() * rotation).magnitude() < 2e-5
     assert np.linalg.norm(found.quaternion) == pytest.approx(1.0)
 
 
