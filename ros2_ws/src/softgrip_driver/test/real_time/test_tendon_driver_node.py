@@ -127,9 +127,11 @@ def test_a_move_can_be_cancelled_and_holds(wire, start, peer):
 
 @pytest.mark.parametrize("ends", [signal.SIGTERM, signal.SIGHUP])
 def test_a_kill_and_a_closed_terminal_let_go(wire, start, peer, ends):
+    before = signal.signal(ends, signal.SIG_DFL)  # tests under nohup have it ignored, and so would what they start
     process = start(f"port:={wire.bus.port.port_name}")
     statuses = peer.hear(TendonStatusArray, "tendon/status", SENSOR)
     peer.spin_until(lambda: statuses and all(one.state == TendonStatus.HOLDING for one in statuses[-1].tendons))
+    signal.signal(ends, before)
     assert all(servo.registers.get("torque_enable") == 1 for servo in wire.plant.servos)
     process.send_signal(ends)
     assert process.wait(timeout=TEST_TIMEOUT_S) == 0
