@@ -21,9 +21,6 @@ pytest.importorskip("nicegui", reason="make panel-setup")
 pytest.importorskip("selenium", reason="make panel-setup")
 from selenium.webdriver.common.keys import Keys
 
-#: The button that is there while the rig asks for a point.
-ASKED = "[data-name='rig-done']:not(.hidden)"
-
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
@@ -49,7 +46,7 @@ def test_a_shift_by_clicks_only(launch: Callable[..., Any], tmp_path: Path) -> N
     with PanelBrowser(address) as browser:
         log_in(browser)
         stop_and_reset(browser, cell)
-        calibrate(browser)
+        assert browser.measure_friction() >= 9
         swap(browser)
         grasp(browser)
     recorded = (tmp_path / "panel" / "acts.jsonl").read_text()
@@ -83,30 +80,6 @@ def stop_and_reset(browser: PanelBrowser, cell: Any) -> None:
     browser.wait_for_text(".dialog", "The drives take hold where they stand")
     browser.press("reset-confirm")
     browser.wait(lambda: browser.text("#mode") == "Idle", "the end of the stop")
-
-
-def calibrate(browser: PanelBrowser) -> None:
-    """Measure nine points on the emulated rig, and accept the model with a reason."""
-    browser.open("/friction")
-    browser.press("rig-begin")
-
-    def ended() -> bool:
-        return "SUCCEEDED" in browser.text("#rig-instruction")
-
-    def points() -> int:
-        return browser.count("#rig-points tbody tr")
-
-    while not ended():
-        before = browser.text("#rig-instruction"), points()
-        browser.press("rig-done")
-        changed = lambda before=before: (browser.text("#rig-instruction"), points()) != before  # noqa: E731
-        browser.wait(changed, "the point's T1 and T2")
-        browser.wait(lambda: browser.count(ASKED) > 0 or ended(), "the next point, or the end")
-    assert points() >= 9
-    browser.press("accept")
-    browser.find(".activate-reason input").send_keys("first of this cell")
-    browser.press("activate-confirm")
-    browser.wait_for_text("#friction-models", "active")
 
 
 def swap(browser: PanelBrowser) -> None:

@@ -24,7 +24,7 @@ MAY_IMPORT = {
     "softgrip_design": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_driver": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_emulator": {"softgrip_description", "softgrip_model", "softgrip_time"},
-    "softgrip_vision": {"softgrip_model", "softgrip_time"},
+    "softgrip_vision": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_cell": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_bag": {"softgrip_model", "softgrip_time"},
     "softgrip_bringup": set(),

@@ -20,8 +20,6 @@ PICTURES = Path(__file__).resolve().parents[2] / "docs/images"
 SIZE = (1280, 1000)
 #: The pages are of few colours: so many keep their pictures small.
 COLOURS = 64
-#: The button that is there while the rig asks for a point.
-ASKED = "[data-name='rig-done']:not(.hidden)"
 #: So many points stand in the picture of page Friction.
 PICTURED_POINT = 3
 
@@ -77,29 +75,8 @@ def hold(browser: PanelBrowser, folder: Path) -> None:
 
 
 def friction(browser: PanelBrowser, folder: Path) -> None:
-    """Measure nine points and accept the model: a grasp wants a young one. The picture is of one being asked for."""
-    browser.open("/friction")
-    browser.press("rig-begin")
-
-    def ended() -> bool:
-        return "SUCCEEDED" in browser.text("#rig-instruction")
-
-    def points() -> int:
-        return browser.count("#rig-points tbody tr")
-
-    while not ended():
-        browser.wait(lambda: browser.count(ASKED) > 0 or ended(), "the next point, or the end")
-        before = browser.text("#rig-instruction"), points()
-        if points() == PICTURED_POINT:
-            take(browser, folder, "friction")
-        if not ended():
-            browser.press("rig-done")
-            changed = lambda before=before: (browser.text("#rig-instruction"), points()) != before  # noqa: E731
-            browser.wait(changed, "the point's T1 and T2")
-    browser.press("accept")
-    browser.find(".activate-reason input").send_keys("first of this cell")
-    browser.press("activate-confirm")
-    browser.wait_for_text("#friction-models", "active")
+    """Measure: a grasp wants a young model. The picture is of a point being asked for."""
+    browser.measure_friction(lambda points: points == PICTURED_POINT and take(browser, folder, "friction"))
 
 
 def shown(browser: PanelBrowser, folder: Path) -> None:

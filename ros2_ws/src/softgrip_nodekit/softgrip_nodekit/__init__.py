@@ -27,6 +27,7 @@ from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
 from softgrip_nodekit.run import run
 from softgrip_nodekit.stamps import nanoseconds, seconds, to_time_message
 from softgrip_nodekit.standstill import OrderGuard
+from softgrip_nodekit.transforms import transform_message
 from softgrip_nodekit.urgent import UrgentServer
 
 __all__ = [
@@ -72,5 +73,6 @@ __all__ = [
     "startup_errors",
     "steady_timer",
     "to_time_message",
+    "transform_message",
     "with_message_info",
 ]

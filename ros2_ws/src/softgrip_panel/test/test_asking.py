@@ -52,8 +52,8 @@ def test_without_a_repetition_there_is_one_request() -> None:
     assert client.asked == 1
 
 
-def test_of_all_that_the_page_can_ask_only_the_stop_is_repeated() -> None:
-    assert acts.estop().is_repeated
-    assert not acts.estop_reset().is_repeated
-    assert not acts.home().is_repeated
-    assert not acts.release().is_repeated
+def test_of_all_that_the_page_can_ask_only_the_stop_is_urgent() -> None:
+    assert acts.estop().is_urgent
+    assert not acts.estop_reset().is_urgent
+    assert not acts.home().is_urgent
+    assert not acts.release().is_urgent

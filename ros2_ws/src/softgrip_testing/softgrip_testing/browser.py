@@ -16,6 +16,10 @@ TIMEOUT_S: Final = 30.0
 _POLL_S: Final = 0.05
 
 
+#: The button that is there while the rig asks for a point.
+POINT_ASKED: Final = "[data-name='rig-done']:not(.hidden)"
+
+
 def _program(*names: str) -> str:
     found = next(filter(None, map(shutil.which, names)), None)
     if found is None:
@@ -148,6 +152,37 @@ class PanelBrowser:
     def wait_for_text(self, css: str, part: str) -> None:
         """Wait until an element shows a text."""
         self.wait(lambda: part in self.text(css), f"{part!r} in {css}")
+
+    def measure_friction(self, on_asked: Callable[[int], object] = lambda _: None) -> int:
+        """Measure all points of the emulated rig by clicks and accept the model with a reason; return how many.
+
+        Args:
+            on_asked: called with the number of points so far, while the next is asked for.
+        """
+        self.open("/friction")
+        self.press("rig-begin")
+
+        def has_ended() -> bool:
+            return "SUCCEEDED" in self.text("#rig-instruction")
+
+        def seen() -> tuple[str, int]:
+            return self.text("#rig-instruction"), self.count("#rig-points tbody tr")
+
+        def measure_one() -> None:
+            before = seen()
+            self.press("rig-done")
+            self.wait(lambda: seen() != before, "the point's T1 and T2")
+
+        while not has_ended():
+            self.wait(lambda: self.count(POINT_ASKED) > 0 or has_ended(), "the next point, or the end")
+            on_asked(seen()[1])
+            if not has_ended():
+                measure_one()
+        self.press("accept")
+        self.find(".activate-reason input").send_keys("first of this cell")
+        self.press("activate-confirm")
+        self.wait_for_text("#friction-models", "active")
+        return seen()[1]
 
     def requested(self) -> list[str]:
         """Return the URLs that pages have asked for since the last call, data and blob ones left out."""

@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,24 +13,11 @@ from softgrip_vision.calibration import FingerPlane, Lens
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class CameraPose:
-    """Pose of the optical frame (z forward, x right, y down) in a finger's base frame.
+def camera_pose(lens: Lens, plane: FingerPlane) -> Array:
+    """Return the pose (4, 4) of the optical frame (z forward, x right, y down) in the base frame of the plane's finger.
 
-    Attributes:
-        position_m: (3,) of the optical centre.
-        quaternion: (4,) x, y, z, w.
-    """
-
-    position_m: Array
-    quaternion: Array
-
-
-def camera_pose(lens: Lens, plane: FingerPlane) -> CameraPose:
-    """Return the camera's pose in the base frame of the plane's finger.
-
-    The homography is the camera matrix times the first two axes of the base frame and its origin, all in the optical
-    frame and up to one factor: Z. Zhang, A flexible new technique for camera calibration, 2000, section 3.1.
+    The homography is the camera matrix times the first two axes of the base frame and its origin [m], all in the
+    optical frame and up to one factor: Z. Zhang, A flexible new technique for camera calibration, 2000, section 3.1.
     """
     columns = np.linalg.solve(lens.matrix, plane.homography)
     columns *= math.copysign(1.0, columns[2, 2])  # the base is before the camera
@@ -40,7 +25,6 @@ def camera_pose(lens: Lens, plane: FingerPlane) -> CameraPose:
     u, scales, v = np.linalg.svd(np.column_stack([along, across]), full_matrices=False)
     axes = u @ v  # the nearest two that are square and of length 1
     rotation = np.column_stack([axes, np.cross(axes[:, 0], axes[:, 1])])
-    turn = cv2.Rodrigues(rotation.T)[0].ravel()
-    angle = float(np.linalg.norm(turn))
-    half = 0.5 * np.sinc(0.5 * angle / math.pi)  # sin(angle / 2) / angle
-    return CameraPose(-rotation.T @ place / scales.mean(), np.append(turn * half, math.cos(0.5 * angle)))
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation.T, -rotation.T @ place / scales.mean()
+    return pose

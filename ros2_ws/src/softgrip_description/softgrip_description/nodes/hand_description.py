@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
+from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -39,6 +39,7 @@ from softgrip_nodekit import (
     run,
     startup_errors,
     steady_timer,
+    transform_message,
 )
 
 #: Limits that URDF wants of a joint [N], [m/s]: the defaults of gripper_command's effort_limit_n and max_velocity_m_s.
@@ -222,13 +223,7 @@ def _load_hand(path: str) -> Hand:
 
 
 def _transform(stamp: Any, parent: str, child: str, pose: Array) -> TransformStamped:
-    x, y, z = (float(value) for value in pose[:3, 3])
-    qx, qy, qz, qw = quaternion_of(pose)
-    return TransformStamped(
-        header=Header(stamp=stamp, frame_id=parent),
-        child_frame_id=child,
-        transform=Transform(translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw)),
-    )
+    return transform_message(stamp, parent, child, pose[:3, 3], quaternion_of(pose))
 
 
 def main(args: Sequence[str] | None = None) -> int:

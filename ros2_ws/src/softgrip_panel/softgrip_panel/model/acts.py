@@ -61,7 +61,7 @@ class Act:
         subject: what it is about, for the record.
         timeout_s: longest wait for the answer [s].
         is_secret: its request holds a token, which no page and no record shows.
-        is_repeated: asked again while no answer comes; for what is the same when it is done twice.
+        is_urgent: waits for no disk, and is asked again while no answer comes; must be the same when it is done twice.
     """
 
     name: str
@@ -71,7 +71,7 @@ class Act:
     subject: str = ""
     timeout_s: float = 10.0
     is_secret: bool = False
-    is_repeated: bool = False
+    is_urgent: bool = False
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ _LENGTH, _TENSION = 1, 2
 def estop() -> Act:
     """Stop: whoever sees the page may. A request is lost where its link ends, so it is repeated."""
     call = _service("estop", _TRIGGER)
-    return Act("estop", call, Role.LOOK, needs_control=False, timeout_s=5.0, is_repeated=True)
+    return Act("estop", call, Role.LOOK, needs_control=False, timeout_s=5.0, is_urgent=True)
 
 
 def estop_reset() -> Act:

@@ -58,7 +58,7 @@ class ActDesk:
             self._check(person, act.role, needs_control=act.needs_control)
         except ActRefusedError as error:
             return self._done(person, act.name, act.subject, ActResult(success=False, message=str(error)))
-        if not act.is_repeated:  # the stop waits for no disk
+        if not act.is_urgent:
             self.note(person.name, act.name, act.subject, success=True, message="begun")
         return self._done(person, act.name, act.subject, await self._calls.call(act, person.name))
 

@@ -77,7 +77,7 @@ class RosCalls:
         return await self._run_action(act, client, request_message(kind.Goal, act.call.request), who)
 
     async def _call_service(self, act: Act, client: Any, request: Any) -> tuple[bool, str, Any]:
-        answered = await ask(client, request, act.timeout_s, REPEAT_S if act.is_repeated else act.timeout_s)
+        answered = await ask(client, request, act.timeout_s, REPEAT_S if act.is_urgent else act.timeout_s)
         if answered is None:
             return False, f"expected an answer of {act.call.name} within {act.timeout_s:g} s, found none", None
         response = answered.result()

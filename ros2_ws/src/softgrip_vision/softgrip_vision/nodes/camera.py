@@ -20,6 +20,7 @@ from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
+from softgrip_description.geometry import quaternion_of
 from softgrip_nodekit import (
     LATCHED,
     SENSOR,
@@ -35,6 +36,7 @@ from softgrip_nodekit import (
     startup_errors,
     steady_timer,
     to_time_message,
+    transform_message,
 )
 from softgrip_time.units import to_s
 from softgrip_vision import calibration
@@ -151,8 +153,9 @@ class CameraNode(CellNode):
         if self._calibration is None or not self._calibration.planes:
             return
         plane = self._calibration.planes[0]
-        base = convert.to_header(self.get_clock().now().to_msg(), f"{self._values['frame_prefix']}{plane.finger}_base")
-        transform = convert.to_transform(base, self._frame, camera_pose(self._calibration.lens, plane))
+        base, pose = f"{self._values['frame_prefix']}{plane.finger}_base", camera_pose(self._calibration.lens, plane)
+        now = self.get_clock().now().to_msg()
+        transform = transform_message(now, base, self._frame, pose[:3, 3], quaternion_of(pose))
         self._transforms.publish(TFMessage(transforms=[transform]))
 
     def _make_capture(self) -> Capture:

@@ -9,14 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, Quaternion, Transform, TransformStamped, Vector3
+from geometry_msgs.msg import Point
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
 from softgrip_interfaces.msg import FingerMarkers, FingerState, FingerStates, Marker
 from softgrip_vision import colour
 from softgrip_vision.calibration import CameraCalibration
-from softgrip_vision.camera_pose import CameraPose
 from softgrip_vision.errors import FrameError
 from softgrip_vision.frame import CameraFrame
 from softgrip_vision.readings import FingerReading, MarkerReading
@@ -51,17 +50,6 @@ def to_camera_info(calibration: CameraCalibration | None, width: int, height: in
     info.r = [float(value) for value in np.eye(3).ravel()]
     info.p = [float(value) for value in np.hstack([lens.matrix, np.zeros((3, 1))]).ravel()]
     return info
-
-
-def to_transform(base: Header, frame: str, pose: CameraPose) -> TransformStamped:
-    """Return the camera's pose in the frame of a header."""
-    x, y, z = (float(value) for value in pose.position_m)
-    qx, qy, qz, qw = (float(value) for value in pose.quaternion)
-    return TransformStamped(
-        header=base,
-        child_frame_id=frame,
-        transform=Transform(translation=Vector3(x=x, y=y, z=z), rotation=Quaternion(x=qx, y=qy, z=qz, w=qw)),
-    )
 
 
 def from_image_message(message: Image) -> colour.Image:
