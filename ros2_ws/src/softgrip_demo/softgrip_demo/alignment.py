@@ -17,11 +17,12 @@ LONGEST_GAP = 0.1
 
 @dataclass(frozen=True)
 class MeasuredTip:
-    """The watched finger in one camera frame: stamp [s], joint angles [rad], tip [m]."""
+    """The watched finger in one camera frame: stamp [s], joint angles [rad], tip and its deviation [m]."""
 
     stamp: float
     angles: tuple[float, ...]
     tip: tuple[float, float]
+    tip_stddev: tuple[float, float] = (math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,7 @@ def pair(measured: Sequence[MeasuredTip], instants: Sequence[Instant]) -> tuple[
                 tension=predicted.tension,
                 predicted_tension=predicted.predicted_tension,
                 predicted_tip_stddev=predicted.tip_stddev,
+                measured_tip_stddev=frame.tip_stddev,
             )
         )
     return tuple(samples)

@@ -55,6 +55,7 @@ class PairedSample:
         tension: [N] at the actuator, measured.
         predicted_tension: [N].
         predicted_tip_stddev: [m] along x and y; NaN where the prediction does not say.
+        measured_tip_stddev: likewise, of the camera.
     """
 
     pulled_length: float
@@ -65,6 +66,7 @@ class PairedSample:
     tension: float
     predicted_tension: float
     predicted_tip_stddev: tuple[float, float] = (math.nan, math.nan)
+    measured_tip_stddev: tuple[float, float] = (math.nan, math.nan)
 
 
 @dataclass(frozen=True)

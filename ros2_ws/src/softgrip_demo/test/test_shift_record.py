@@ -28,7 +28,8 @@ from softgrip_demo.summary import ReplayCheck, interval_held_percent, summarise,
 
 
 def sample(pulled: float, off: float) -> PairedSample:
-    return PairedSample(pulled, (0.1, 0.2, 0.3), (0.1, 0.2, 0.3), (0.09, 0.0), (0.09, off), 1.0, 1.1, (0.001, 0.001))
+    angles, sure = (0.1, 0.2, 0.3), (0.0, 0.0)
+    return PairedSample(pulled, angles, angles, (0.09, 0.0), (0.09, off), 1.0, 1.1, (0.001, 0.001), sure)
 
 
 @pytest.fixture
@@ -77,6 +78,10 @@ def test_tip_errors_are_percent_of_the_finger(record: ShiftRecord) -> None:
 def test_the_interval_holds_a_share_of_the_coordinates(record: ShiftRecord) -> None:
     """Of x, y off by 0, 1 mm and by 0, 3 mm, the deviation of each 1 mm, three are within 1.96 mm."""
     assert interval_held_percent(record.closings[0]) == pytest.approx(75.0)
+    camera = [
+        replace(one, measured_tip_stddev=(0.0, 2e-3)) for one in record.closings[0].samples
+    ]  # 1.96 sqrt(1 + 4) mm
+    assert interval_held_percent(replace(record.closings[0], samples=tuple(camera))) == pytest.approx(100.0)
     silent = replace(record.closings[0].samples[0], predicted_tip_stddev=(math.nan, math.nan))
     assert math.isnan(interval_held_percent(replace(record.closings[0], samples=(silent,))))
 

@@ -91,7 +91,9 @@ class ShiftWatch:
     def _on_measured(self, gathered: Gathered, message: FingerStates) -> None:
         stamp = seconds(message.header.stamp)
         gathered.measured += [
-            MeasuredTip(stamp, tuple(state.joint_angles), (state.tip.x, state.tip.y))
+            MeasuredTip(
+                stamp, tuple(state.joint_angles), (state.tip.x, state.tip.y), (state.tip_stddev[0], state.tip_stddev[1])
+            )
             for state in message.fingers
             if state.finger == self.finger and state.validity != state.FAILED
         ]
