@@ -189,9 +189,8 @@ def test_a_finger_is_retired_with_a_reason_and_its_label_carries_its_serial(
 ) -> None:
     browser.open("/records")
     browser.press("retire-PW-T-02")
-    assert "ros2 service call /cell/retire_finger" in browser.script(
-        "return document.querySelector('.dialog code').textContent"
-    )
+    command = "const code = document.querySelector('.dialog code'); return code ? code.textContent : ''"
+    browser.wait(lambda: "ros2 service call /cell/retire_finger" in browser.script(command), "the same as a command")
     browser.find(".retire-reason input").send_keys("tore at joint 2")
     browser.press("retire-confirm")
     browser.wait_for_text("[data-serial='PW-T-02']", "retired")
