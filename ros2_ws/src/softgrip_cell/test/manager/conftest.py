@@ -244,9 +244,9 @@ class ScriptedDriver(Node):
         message.header.stamp = stamp
         self._friction.publish(message)
 
-    def publish_state(self, pulled_m: Sequence[float]) -> None:
+    def publish_state(self, pulled_length_m: Sequence[float]) -> None:
         """Say once what somebody else's node would: that the tendons are there."""
-        state = JointState(name=list(SLOTS), position=list(pulled_m), velocity=[0.0] * 3, effort=[0.0] * 3)
+        state = JointState(name=list(SLOTS), position=list(pulled_length_m), velocity=[0.0] * 3, effort=[0.0] * 3)
         state.header.stamp = self.get_clock().now().to_msg()
         self._state.publish(state)
 
@@ -358,7 +358,7 @@ class ScriptedDriver(Node):
         stamp = to_time_message(pair.sample.stamp_ns)
         state = JointState(
             name=list(SLOTS),
-            position=list(pair.sample.pulled_m),
+            position=list(pair.sample.pulled_length_m),
             velocity=[0.0] * 3,
             effort=[float(n) for n in pair.sample.tension_n],
         )
@@ -370,7 +370,7 @@ class ScriptedDriver(Node):
                 FingerState(
                     finger=name,
                     profile=self.profile,
-                    pulled_length=pair.free.pulled_m[slot],
+                    pulled_length=pair.free.pulled_length_m[slot],
                     tension=pair.free.tension_n[slot],
                     tip=Point(x=pair.free.tip_m[slot][0], y=pair.free.tip_m[slot][1], z=0.0),
                 )
@@ -399,7 +399,7 @@ class ScriptedDriver(Node):
     def _end_goals(self) -> None:
         for entry in list(self._goals):
             handle, targets, done = entry
-            there = all(self.bench.pulled_m[slot] >= target - 1e-9 for slot, target in targets)
+            there = all(self.bench.pulled_length_m[slot] >= target - 1e-9 for slot, target in targets)
             if handle.is_cancel_requested:
                 self.bench.obey(GraspStep(GraspPhase.DONE, (Stop(),)))
             if there or handle.is_cancel_requested:

@@ -38,6 +38,7 @@ from softgrip_driver.rig.procedure import (
 from softgrip_driver.rig.pull import RigSample
 from softgrip_driver.rig.pulley import Pulley, read_pulley, write_pulley
 from softgrip_driver.rig.slide import PointVerdict
+from softgrip_driver.tendon.safety_store import SafetyStore, port_file
 from softgrip_interfaces.action import CalibrateFriction
 from softgrip_interfaces.msg import FrictionModel, FrictionSample
 from softgrip_interfaces.srv import ActivateFrictionModel, ListFrictionModels
@@ -115,7 +116,9 @@ class FrictionRig(HardwareNode):
             return FollowedSafety(self, group, self._stop_now)
         text = "no tendon_driver here (safety_source: none): its emergency stop does not reach this rig; rig/stop does"
         self._diagnostics.set("safety", Health.WARN, text)
-        return OwnSafety(self, self._folder, group, self._stop_now, lambda: order_guard.refusal)
+        file = self._values["safety_file"]
+        store = SafetyStore(Path(file).expanduser() if file else port_file(self._values["stage_port"]))
+        return OwnSafety(self, store, group, self._stop_now, lambda: order_guard.refusal)
 
     def _stop_now(self, reason: str) -> None:
         """End a running pull: the stand stands still and holds by its screw, since letting down is a motion, too."""

@@ -450,4 +450,4 @@ class GripperController:
 
 
 def _hold_here(view: DriveObservation, limits: TendonLimits) -> Motion:
-    return Hold(view.length, limits.tension_soft)
+    return Hold(view.pulled_length_m, limits.tension_soft)

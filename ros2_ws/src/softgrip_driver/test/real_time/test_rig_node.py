@@ -24,6 +24,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from softgrip_driver.tendon.safety_store import SafetyStoreError, check_port_is_free_to_move
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_interfaces.action import CalibrateFriction
 from softgrip_interfaces.msg import FrictionModel, FrictionSample, SafetyState
@@ -84,6 +85,7 @@ class Person(Node):
             [sys.executable, "-m", "softgrip_driver.nodes.friction_rig", "--ros-args", *settings],
             stderr=subprocess.PIPE,
             text=True,
+            env={**os.environ, "ROS_HOME": str(folder)},  # where a stop of its own is kept
         )
         return self.process
 
@@ -342,12 +344,19 @@ def test_nothing_is_pulled_before_the_safety_state_was_seen_or_after_its_publish
     stands_still(person)
 
 
-def test_a_bench_without_tendons_has_a_stop_of_its_own_that_stays(person, tmp_path):
+def test_a_bench_without_tendons_has_a_stop_of_its_own_that_stays(person, tmp_path, monkeypatch):
     person.start(tmp_path, "safety_source:=none")
     handle = pulling(person)
     assert person.call(Trigger, "rig/stop", Trigger.Request()).success
     assert "rig/stop" in person.result(handle).reason
     stands_still(person)
+    person.kill()
+    # Whoever moves this stand asks the same file, and so does the node when it keeps its models elsewhere.
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
+    with pytest.raises(SafetyStoreError, match="an emergency stop"):
+        check_port_is_free_to_move(str(tmp_path / "stand"))
+    person.start(tmp_path, "safety_source:=none", f"model_dir:={tmp_path / 'others'}")
+    assert "rig/stop_reset" in person.result(person.goal()).reason
     person.kill()
     person.start(tmp_path, "safety_source:=none")
     assert "rig/stop_reset" in person.result(person.goal()).reason
