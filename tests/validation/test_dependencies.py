@@ -90,7 +90,7 @@ IN_ROSDISTRO = {
     "python3-rosbags-pip", "python3-scipy", "python3-serial", "python3-sqlalchemy", "python3-yaml",
     "rcl_interfaces", "rclpy", "ros2launch", "rosgraph_msgs", "rosidl_default_generators",
     "rosidl_default_runtime", "rosidl_interface_packages", "rviz2", "sensor_msgs", "std_msgs", "std_srvs",
-    "tf2_msgs", "trajectory_msgs", "visualization_msgs",
+    "tf2_msgs", "trajectory_msgs", "visualization_msgs", "xacro",
 }  # fmt: skip
 
 
