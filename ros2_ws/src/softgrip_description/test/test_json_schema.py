@@ -107,7 +107,8 @@ def test_a_reader_finds_what_the_reference_implementation_finds(kind: str, data:
         {"finger_density_kg_m3": 0}, {"flange": {"position_m": [0, 0, 0]}}, {"tool_centre_points_m": {"a b": [0] * 3}},
         {"palm": {"size_m": [0.1, 0.0, 0.03], "mass_kg": 0.2}}, {"default_tool_centre_point_m": [0, 0]},
         {"slots": {"index": SLOT | {"rest_angle_rad": 4.0}}}, {"slots": {"index": SLOT | {"closes_towards_x": 0}}},
-        {"slots": {"in dex": SLOT}}, {"slots": {"index": SLOT | {"length_m": 0.1}}}, {"slots": {"index": None}},
+        {"slots": {"index": SLOT | {"closes_towards_x": True}}}, {"slots": {"in dex": SLOT}},
+        {"slots": {"index": SLOT | {"length_m": 0.1}}}, {"slots": {"index": None}},
     ],
 )  # fmt: skip
 def test_what_is_no_hand_is_refused_by_reader_and_schema(tmp_path: Path, broken: dict[str, Any]) -> None:
