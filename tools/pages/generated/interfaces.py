@@ -81,7 +81,7 @@ def meanings() -> dict[str, str]:
     found = {}
     for names, _, meaning in re.findall(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", text, re.MULTILINE):
         for name in names.split(","):
-            found[name.strip()] = re.sub(r"\]\(([a-z_]+\.md)\)", r"](../../\1)", meaning.strip())
+            found[name.strip()] = re.sub(r"\]\(([a-z_]+\.md)", r"](../../\1", meaning.strip())
     return found
 
 
