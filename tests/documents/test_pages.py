@@ -19,10 +19,6 @@ LONG = bool(os.environ.get("SOFTGRIP_LONG_BLOCKS"))
 #: Pages whose language is held to the aims of tools/pages/word_counts.py: all but those that the site's build writes.
 WRITTEN = [*ROOT.glob("*.md"), ROOT / "embedded/README.md"]
 WRITTEN += [path for path in (ROOT / "docs").rglob("*.md") if "generated" not in path.parts]
-    *ROOT.glob("*.md"),
-    ROOT / "embedded/README.md",
-    *(path for path in (ROOT / "docs").rglob("*.md") if "generated" not in path.parts),
-]
 
 
 #: What ROS 2 gives every node.
@@ -233,3 +229,11 @@ def test_every_topic_service_and_action_is_explained() -> None:
     explained = set(blocks.named.ros_names.interfaces.meanings())
     standard = {"/clock"} | {name for name in made if name.rpartition("/")[2] in STANDARD_SERVICES}
     assert {name for name in made if not name.startswith("~")} - explained <= standard
+
+
+def test_every_package_has_a_page_of_its_python_api() -> None:
+    reference = load_script(ROOT / "tools/docs/reference.py")
+    on_pages = {title.partition(".")[0] for title, _, _ in reference.api.PAGES.values()}
+    without_python = {"softgrip_bringup", "softgrip_cmake", "softgrip_interfaces"}
+    packages = {path.parent.name for path in (ROOT / "ros2_ws/src").glob("*/package.xml")}
+    assert packages - on_pages == without_python
