@@ -107,7 +107,9 @@ def _page(package: str, _use: str, modules: tuple[str, ...]) -> str:
         members = f":members: {', '.join(listed)}\n" if listed else ""
         overview = "".join(f"   ~{name}.{one}\n" for one in listed if one[0].isalpha())
         if overview:
-            parts.append(f"```{{eval-rst}}\n.. autosummary::\n   :nosignatures:\n\n{overview}```\n")
+            parts.append(
+                f"```{{eval-rst}}\n.. currentmodule:: None\n\n.. autosummary::\n   :nosignatures:\n\n{overview}```\n"
+            )
         parts.append(f"```{{eval-rst}}\n.. automodule:: {name}\n{_indented(members)}```\n")
     return "\n".join(parts)
 
