@@ -154,7 +154,7 @@ site: setup docs-setup study-setup panel-setup  ## the documentation's site alon
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/site-trees . $(OUT)/site
 	@echo "$(OUT)/site/index.html"
 
-docs-test: setup $(EXTRAS:%=%-setup)  ## every code block of the tutorials and guides, also the long ones; then the site
+docs-test: setup $(EXTRAS:%=%-setup)  ## every code block of every page, also the long ones; then the site
 	SOFTGRIP_LONG_BLOCKS=1 $(BIN)/python -m pytest -q -n0 tests/documents
 	$(MAKE) site
 
