@@ -12,9 +12,9 @@ import pytest
 from softgrip_demo.first_run import bus_steps, camera_steps
 from softgrip_demo.first_run.cube import TEST_CUBE
 from softgrip_driver.dynamixel.registers import MODELS
-from softgrip_driver.wizard.direction import SpoolPull
+from softgrip_driver.wizard.direction import MIN_PULL_N, SpoolPull
 from softgrip_driver.wizard.tensioning import SETTLED_M, TensioningPlan
-from softgrip_driver.wizard.wizard import MIN_PULL_N, WizardSettings
+from softgrip_driver.wizard.wizard import WizardSettings
 from softgrip_testing.scripts import load_script
 from softgrip_vision.calibrating.plane import LARGEST_RMS
 
