@@ -120,7 +120,8 @@ def test_the_rehearsal_has_the_commands_of_the_pages_that_it_stands_for() -> Non
 @pytest.mark.timeout(600)
 def test_from_the_boxes_to_the_first_grasp(terminal: Open, tmp_path: Path) -> None:
     bench, wizard, plug_in, sections, first_run = blocks("rehearsal.md")
-    assert terminal(bench).read_until(("wires in wires",), 60.0)
+    at_bench = terminal(bench)
+    assert at_bench.read_until(("wires in wires",), 60.0), at_bench.text
     at_wizard = terminal(wizard)
     while at_wizard.read_until(("then press Enter", "written to cell.yaml"), 240.0) == "then press Enter":
         asked = at_wizard.text.rpartition("? ")[2]
