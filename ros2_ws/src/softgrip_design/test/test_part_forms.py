@@ -210,6 +210,25 @@ def test_holes_lie_on_the_servo_and_a_spool_keeps_its_radius(face: drives.ServoF
         drives.spool(face, face.horn_holes[1] + 1.0, 0.125, 3)
 
 
+@pytest.mark.parametrize("face", drives.FACES, ids=lambda face: face.name)
+def test_the_screws_of_the_bill_reach_into_horn_and_case_and_no_further(face: drives.ServoFace) -> None:
+    found = {text.split(", ")[1].split()[0]: text for text, _ in face.screws}
+    lengths = {use: float(text.split(" x ")[1].split()[0].rstrip(",")) for use, text in found.items()}
+    into_horn = lengths["spool"] - drives.spool_height_mm(face)
+    assert 1.0 < into_horn < face.horn_mm + 0.5
+    assert 1.5 < lengths["plate"] - drives.PLATE_MM < 7.0
+    number = {text.split(", ")[1].split()[0]: number for text, number in face.screws}
+    assert number == {"plate": len(face.frame_holes), "spool": face.horn_holes[0]}
+
+
+def test_a_drive_without_a_plate_is_refused_with_the_reason() -> None:
+    assert drives.face_of("XC430-W240").name == "x430"
+    with pytest.raises(PartError, match=r"XM540-W270: there is no plate for it: .* could not be read"):
+        drives.face_of("XM540-W270")
+    with pytest.raises(PartError, match="expected one of XL330-M288"):
+        drives.face_of("SG90")
+
+
 @pytest.mark.parametrize("angle_deg", bench.WRAP_ANGLES_DEG)
 def test_a_guide_block_turns_the_cable_by_its_angle_over_the_surface_of_the_thesis(angle_deg: int) -> None:
     block = bench.guide_block(angle_deg, "tpu")
