@@ -45,7 +45,7 @@ from softgrip_panel.model.facts import (
     TensionView,
 )
 from softgrip_panel.model.frames import PanelPicture
-from softgrip_panel.model.friction import FrictionModelView, RigPoint
+from softgrip_panel.model.friction import FrictionModelView, RigPoint, RigProgress
 from softgrip_panel.model.grasps import FingerDecision
 from softgrip_panel.model.parameters import ParameterKind, ParameterView
 from softgrip_panel.model.shapes import FaceOwners, PanelShape
@@ -159,18 +159,21 @@ class PretendedCell:
         return ActResult(success=True, message="next")
 
     def _calibrate(self, act: Act, who: str) -> ActResult:
-        self.state.rig = replace(
-            self.state.rig.begun(), phase="SET_UP", index=0, total=2, angle_rad=1.5708, load_kg=0.5,
+        self.state.rig = RigProgress(
+            is_running=True, needs_confirmation=True, index=0, total=2, angle_rad=1.5708, load_kg=0.5,
             instruction="Set 90 deg and hang 0.50 kg.",
         )  # fmt: skip
         return ActResult(success=True, message="begun")
 
     def _confirm_rig(self, act: Act, who: str) -> ActResult:
         rig = self.state.rig
-        rig = rig.with_point(RigPoint(rig.index, rig.angle_rad, rig.load_kg, 4.9, 6.1, 0.04, "ACCEPTED", ""))
-        self.state.rig = rig.ended("SUCCEEDED: usable", "braid-new") if rig.index else replace(
-            rig, index=1, load_kg=1.0, instruction="Set 90 deg and hang 1.00 kg."
-        )  # fmt: skip
+        point = RigPoint(rig.index, rig.angle_rad, rig.load_kg, 4.9, 6.1, 0.04, "ACCEPTED", "")
+        rig = replace(rig, points=(*rig.points, point))
+        self.state.rig = (
+            RigProgress(points=rig.points, message="SUCCEEDED: usable", fitted="braid-new")
+            if rig.index
+            else replace(rig, index=1, load_kg=1.0, instruction="Set 90 deg and hang 1.00 kg.")
+        )
         return ActResult(success=True, message="measured")
 
     def _activate_friction(self, act: Act, who: str) -> ActResult:

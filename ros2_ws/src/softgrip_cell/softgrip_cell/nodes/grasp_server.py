@@ -44,7 +44,7 @@ class GraspServer:
 
     @property
     def active(self) -> bool:
-        """Whether a grasp is going on, is about to begin, or has ended and the cell does not know yet what came of it."""
+        """Whether a grasp is about to begin, goes on, or has an end that the cell does not know yet."""
         return self._is_active
 
     def observe_sample(self, sample: TendonSample) -> None:

@@ -50,8 +50,8 @@ from softgrip_model.friction.acceptance import accept
 from softgrip_nodekit import LATCHED, SENSOR, to_time_message
 
 SLOTS = ("index", "middle", "thumb")
-#: Between two looks of the scripted driver at most so much counts as an owner's silence [s]: in a longer pause it was this
-#: process that did not run, and heartbeats wait to be read.
+#: Between two looks of the scripted driver at most so much counts as an owner's silence [s]: in a longer pause this
+#: process did not run, and heartbeats wait to be read.
 MAX_LOOK_S = 0.05
 
 
