@@ -50,6 +50,9 @@ from softgrip_model.friction.acceptance import accept
 from softgrip_nodekit import LATCHED, SENSOR, to_time_message
 
 SLOTS = ("index", "middle", "thumb")
+#: Between two looks of the scripted driver at most so much counts as an owner's silence [s]: in a longer pause this
+#: process did not run, and heartbeats wait to be read.
+MAX_LOOK_S = 0.05
 
 
 class Guard:
@@ -72,7 +75,7 @@ class Guard:
         self.requested_by = ""
         self.heartbeats = 0
         self._duration_s = 0.0
-        self._beaten_s = 0.0
+        self._silent_s = self._looked_s = 0.0
         self.publish()
         self._publish_owners()
 
@@ -138,7 +141,7 @@ class Guard:
     def take_lease(self, owner: str, duration_s: float = 60.0) -> None:
         """Give the tendons to somebody, whoever had them."""
         self.lease_token, self.lease_owner = secrets.token_hex(8), owner
-        self._duration_s, self._beaten_s = duration_s, time.monotonic()
+        self._duration_s, self._silent_s = duration_s, 0.0
         self.requested_by = ""
         self._publish_owners()
 
@@ -152,7 +155,10 @@ class Guard:
 
     def watch(self) -> None:
         """End a lease whose owner sends no heartbeats."""
-        if self.lease_token and time.monotonic() - self._beaten_s > self._duration_s:
+        now_s = time.monotonic()
+        self._silent_s += min(now_s - self._looked_s, MAX_LOOK_S)
+        self._looked_s = now_s
+        if self.lease_token and self._silent_s > self._duration_s:
             self.end_lease()
 
     def _on_lease(self, request: Any, response: Any) -> Any:
@@ -172,7 +178,7 @@ class Guard:
     def _on_heartbeat(self, message: Any) -> None:
         if message.token == self.lease_token:
             self.heartbeats += 1
-            self._beaten_s = time.monotonic()
+            self._silent_s = 0.0
 
     def _publish_owners(self) -> None:
         message = TendonOwners(

@@ -61,6 +61,7 @@ class Drive:
         self._job = 0
         self._outcome: MoveOutcome | None = None
         self._reason = ""
+        self._is_release = False  # the last motion asked for was a slow release
         self._fault = ""
         self._fault_reason = ""
         self._restoring = self._restored_once = False
@@ -196,6 +197,7 @@ class Drive:
         if isinstance(motion, Follow) and isinstance(self._motion, Follow):
             motion.take_over(self._motion)
         self._motion = motion
+        self._is_release = motion.state is DriveState.RELEASING
         self._outcome, self._reason = None, ""
         self._job += 1
         return motion
@@ -288,6 +290,14 @@ class Drive:
     def holds_tension(self) -> bool:
         """Whether the tendon is taut."""
         return self._tension > self.limits.tension_slack
+
+    @property
+    def is_released(self) -> bool:
+        """Whether the last motion asked for was a slow release that came to its end.
+
+        Friction leaves it about a newton then, or an old zero more: none of it holds anything.
+        """
+        return self._is_release and self._outcome is MoveOutcome.REACHED
 
     def _clear_fault(self) -> None:
         self._fault, self._fault_reason = "", ""
