@@ -89,7 +89,7 @@ def summarise(record: ShiftRecord, replay: ReplayCheck, report_wall_clock_s: flo
                 "outcome": grasp.outcome,
                 "expected": grasp.expected,
                 "agrees": agrees(grasp.outcome, grasp.expected),
-                "latency_ms": _number(1000.0 * grasp.latency),
+                "latency_ms": _number(round(1000.0 * grasp.latency, 1) + 0.0),  # finer is the stamps' rounding; no -0
                 "reason": grasp.reason,
             }
             for grasp in record.grasps

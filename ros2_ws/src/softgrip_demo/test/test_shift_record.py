@@ -95,6 +95,13 @@ def test_the_summary_is_json_without_nan_and_judges_by_table_4_2(record: ShiftRe
     assert set(summary) >= {"friction", "closings", "grasps", "swaps", "shape", "bag", "replay", "wall_s"}
 
 
+@pytest.mark.parametrize(("latency_s", "shown"), [(0.03004, "30.0"), (1.28e-7, "0.0"), (-1.28e-7, "0.0")])
+def test_a_latency_shows_no_rounding_of_stamps(record: ShiftRecord, latency_s: float, shown: str) -> None:
+    found = replace(record, grasps=(replace(record.grasps[0], latency=latency_s),))
+    summary = summarise(found, ReplayCheck("node", 5, identical=True, detail="", wall_clock_s=0.5), 0.1)
+    assert str(summary["grasps"][0]["latency_ms"]) == shown
+
+
 def test_the_page_holds_everything_itself(record: ShiftRecord, tmp_path: Path) -> None:
     (tmp_path / "film").mkdir()
     (tmp_path / "film" / "000.jpg").write_bytes(b"\xff\xd8\xff\xd9")

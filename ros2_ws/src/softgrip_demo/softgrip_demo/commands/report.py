@@ -78,7 +78,7 @@ def show(summary: dict[str, Any], folder: Path) -> None:
         grasps.add_column(column, justify="right" if column == "result after" else "left")
     for grasp in summary["grasps"]:
         colour = "green" if grasp["agrees"] else "red"
-        latency = f"{round(grasp['latency_ms'], 1) + 0.0:.1f} ms" if grasp["latency_ms"] is not None else "-"
+        latency = f"{grasp['latency_ms']:.1f} ms" if grasp["latency_ms"] is not None else "-"
         grasps.add_row(grasp["product"], grasp["grasp"], f"[{colour}]{grasp['outcome']}[/]", grasp["expected"], latency)
     console.print(grasps)
     shift = Table(show_header=False, title="Shift", title_justify="left")
