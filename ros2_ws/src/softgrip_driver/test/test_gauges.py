@@ -13,6 +13,8 @@ from softgrip_driver.errors import (
     CorruptReplyError,
     DeviceRefusedError,
     DriverError,
+    GaugeRestartedError,
+    NoReplyError,
     SaturatedError,
 )
 from softgrip_driver.rig.build import StreamSettings, make_line_gauge
@@ -39,6 +41,8 @@ READ_AS = {
     "sparkfun_zero": ("pounds", 1.0),
     "sparkfun_calibration": ("pounds", 1.0),
 }
+#: sketches that say nothing in setup() and less than one line a second
+SLOW_AND_SILENT = {"bogde_basic", "bogde_retry", "bogde_timeout"}
 
 
 def gauge_at(folder: Path, line: str, counts: float = 1.0, **settings):
@@ -107,6 +111,54 @@ def test_a_display_that_stands_still_at_rest_is_no_fault_and_raw_counts_that_do_
     gauge.open()
     assert {round(gauge.tension(), 6) for _ in range(60)} <= {0.0, -0.0}
     coarse.close()
+
+
+def read_until(gauge, error, readings=400):
+    """Read until something other than a missing line is raised."""
+    for _ in range(readings):
+        try:
+            gauge.tension()
+        except error:
+            return
+        except (NoReplyError, CorruptReplyError):
+            continue
+    pytest.fail(f"{readings} readings without a {error.__name__}")
+
+
+@pytest.mark.parametrize("sketch", READ_AS)
+@pytest.mark.parametrize("boot", [0.5, 1.6, 3.0])
+def test_a_board_that_boots_while_it_is_read_says_so_once(tmp_path, make_rig, sketch, boot):
+    rig = make_rig(gauge=sketch)
+    rig.gauge._rate_hz = 80.0
+    name, counts = READ_AS[sketch]
+    gauge = gauge_at(tmp_path, name, counts)
+    gauge.open()
+    gauge.tension()
+    rig.inject("board_reset", boot=boot)
+    if sketch in SLOW_AND_SILENT or (sketch == "tillaart_plotter" and boot == 0.5):
+        # Its setup() prints nothing and its lines are as far apart as it boots: nothing is there to be seen.
+        assert not (SKETCHES[sketch].tares and boot > 0.5)
+        return
+    read_until(gauge, GaugeRestartedError)
+    # A banner of some lines is one start.
+    for _ in range(4 * len(SKETCHES[sketch].setup) + 4):
+        try:
+            gauge.tension()
+        except (CorruptReplyError, NoReplyError):
+            continue
+    assert [gauge.tension() for _ in range(5)]
+
+
+def test_a_pause_in_which_nobody_asks_is_no_silence(tmp_path, make_rig, world):
+    rig = make_rig(gauge="olkal_read")
+    gauge = gauge_at(tmp_path, "hx711_adc", 1e3 / G)
+    gauge.open()
+    rig.inject("gauge_silent")
+    with pytest.raises(NoReplyError):
+        gauge.tension()
+    rig.clear()
+    world.clock.advance(world.now() + 30.0)
+    assert gauge.tension() == pytest.approx(0.0, abs=0.1)
 
 
 # -- gauges that are asked ---------------------------------------------------------------------------------------------

@@ -54,6 +54,10 @@ class LineFormat:
     length: int = 0
     baud: int = DEFAULT_BAUD
 
+    def matches(self, line: bytes) -> bool:
+        """Whether a line is one of this format, be it a value or not."""
+        return re.fullmatch(self.pattern, line.decode("ascii", "replace").strip()) is not None
+
     def parse(self, line: bytes) -> float:
         """Return what a line shows: newtons, or counts where the format has no unit.
 

@@ -131,7 +131,8 @@ class EmulatedRig:
         Args:
             fault: one of `faults`.
             arguments: of the fault: ``angle`` [rad] of wrong_angle, ``rate`` [N/s] of drift, ``unit`` of unit_switched,
-                ``factor`` of wrong_weight, ``port`` ("stand" or "gauge") of unplugged, ``capacity`` [N] of saturated.
+                ``factor`` of wrong_weight, ``port`` ("stand" or "gauge") of unplugged, ``capacity`` [N] of saturated,
+                ``boot`` [s] of board_reset.
 
         Raises:
             EmulatorError: no such fault, or arguments it does not take.
@@ -185,7 +186,8 @@ class EmulatedRig:
     def _gauge_faults(self) -> dict[str, Callable[..., Callable[[], None]]]:
         gauge = self.gauge
         if not isinstance(gauge, EmulatedMark10Gauge):
-            return {"contaminated_stream": lambda: _flag(gauge, "noisy")}
+            noisy: dict[str, Callable[..., Callable[[], None]]] = {"contaminated_stream": lambda: _flag(gauge, "noisy")}
+            return noisy | ({"board_reset": self._board_reset} if isinstance(gauge, EmulatedBoard) else {})
 
         def unit_switched(unit: str = "LB") -> Callable[[], None]:
             gauge.panel_unit(unit)
@@ -231,6 +233,12 @@ class EmulatedRig:
             raise EmulatorError(f"rig fault 'unplugged': expected a port of {', '.join(self._ports)}, found '{port}'")
         self._ports[port].unplug()
         return self._ports[port].plug
+
+    def _board_reset(self, boot: float = 1.6) -> Callable[[], None]:
+        if isinstance(self.gauge, EmulatedBoard):
+            self.gauge.reset(self.clock.now_s(), float(boot))
+        # It comes back by itself.
+        return lambda: None
 
     def _misplace(self, what: str, value: float) -> Callable[[], None]:
         self._misplaced[what] = value
