@@ -24,7 +24,6 @@ from softgrip_driver.rig.gauge_calibration import (
     read_calibration,
     write_calibration,
 )
-from softgrip_driver.rig.line_format import FORMATS, line_format
 from softgrip_emulator.rig.polled import PROTOCOLS, TECSIS_COUNTS_PER_NEWTON
 from softgrip_emulator.rig.sketches import COUNTS_PER_NEWTON, OFFSET_COUNTS, SKETCHES
 
@@ -189,54 +188,6 @@ def test_a_poll_command_of_ones_own(tmp_path, make_rig):
         gauge_at(tmp_path, "raw", request="\\x")
 
 
-#: What manuals print, and what it means [N].
-DOCUMENTED = [
-    ("sauter", b"0011.70", -11.70),  # FH-BA-e-2020 p. 13
-    ("sauter", b"1021.15", 21.15),
-    ("mt_sics", b"S S     100.00 g", 0.1 * G),  # Mettler-Toledo AT p. 87: command S
-    ("mt_sics", b"S D      99.98 g", 0.09998 * G),
-    ("tecsis", b"N 00000", 0.0),  # EZE30 p. 22
-    ("andilog", b"12.34", 12.34),  # Centor Touch V6.10 p. 22: a sign, or none
-    ("andilog", b"-12.34\t5.000", -12.34),  # force, TAB, displacement
-    ("imada", b"+12.34KTO", 12.34 * G),  # sktometometo/imada_forcegauge: +XX.XXKTO
-    ("imada", b"-0.512NTO", -0.512),
-    ("scale", b"ST,GS,+ 12.345kg", 12.345 * G),
-    ("hx711", b"HX711 reading: -137240", -137240.0),
-    ("hx711_full", b"one reading:\t0.3\t| average:\t0.2", 0.3),
-    ("hx711_adc", b"Load_cell output val: -0.02", -0.02),
-    ("pounds", b"Reading: -0.1 lbs", -0.1 * 4.4482216),
-    ("pounds", b"Reading: 4.5 lbs calibration_factor: -7050.00", 4.5 * 4.4482216),
-]
-
-
-@pytest.mark.parametrize(("name", "line", "newtons"), DOCUMENTED)
-def test_documented_lines(name, line, newtons):
-    assert line_format(name).parse(line) == pytest.approx(newtons)
-
-
-@pytest.mark.parametrize(
-    ("name", "line", "error"),
-    [
-        ("mt_sics", b"S +", SaturatedError),
-        ("mt_sics", b"S -", SaturatedError),
-        ("mt_sics", b"S I", DeviceRefusedError),
-        ("mt_sics", b"ES", CorruptReplyError),
-        ("andilog", b"?", DeviceRefusedError),
-        ("andilog", b"!", DeviceRefusedError),
-        ("tecsis", b"ERR", DeviceRefusedError),
-        ("imada", b"+99.99NTE", SaturatedError),
-        ("sauter", b"2021.15", CorruptReplyError),
-        ("sauter", b"1021.1", CorruptReplyError),
-        ("hx711", b"HX711 not found.", CorruptReplyError),
-        ("raw", b"8388607", SaturatedError),
-        ("hx711", b"HX711 reading: -8388608", SaturatedError),
-    ],
-)
-def test_documented_refusals_are_no_numbers(name, line, error):
-    with pytest.raises(error):
-        line_format(name).parse(line)
-
-
 # -- known weights -----------------------------------------------------------------------------------------------------
 
 
@@ -302,8 +253,3 @@ def test_a_calibration_that_is_none_is_refused_with_its_path(tmp_path, text):
         read_calibration(tmp_path / "cell.yaml")
     with pytest.raises(ConfigurationError, match="missing"):
         read_calibration(tmp_path / "missing.yaml")
-
-
-def test_every_format_that_is_asked_has_an_emulated_gauge_or_documented_lines():
-    asked = {name for name, one in FORMATS.items() if one.request}
-    assert asked == {*PROTOCOLS, "imada"} <= {name for name, _, _ in DOCUMENTED}
