@@ -7,12 +7,8 @@ The test stands where the person does: it plugs servos in when the wizard asks f
 from __future__ import annotations
 
 import json
-import os
-import pty
-import select
 import shlex
 import subprocess
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,6 +16,7 @@ from typing import Any
 import pytest
 
 from softgrip_description.cell_file import load_cell
+from softgrip_testing.terminal import Terminal
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 Launch = Callable[..., Any]
@@ -40,38 +37,6 @@ def commands(document: str) -> list[list[str]]:
     """Return the command lines of a document, as words."""
     lines = (DOCUMENTS / document).read_text().splitlines()
     return [shlex.split(line, comments=True) for line in lines if line.startswith("    ros2 ")]
-
-
-class Terminal:
-    """A command at a terminal of its own, and the person who reads it."""
-
-    def __init__(self, words: list[str], environment: dict[str, str], folder: Path) -> None:
-        self.handle, end = pty.openpty()
-        self.text = ""
-        self.process = subprocess.Popen(
-            words, stdin=end, stdout=end, stderr=end, env=environment, cwd=folder, start_new_session=True
-        )
-        os.close(end)
-
-    def read_until(self, texts: tuple[str, ...], timeout_s: float) -> str:
-        """Return which of some texts came first since the last one, "" at the end of the command."""
-        deadline, seen = time.monotonic() + timeout_s, ""
-        while time.monotonic() < deadline:
-            if select.select([self.handle], [], [], 0.1)[0]:
-                try:
-                    data = os.read(self.handle, 4096).decode(errors="replace")
-                except OSError:
-                    return ""
-                self.text, seen = self.text + data, seen + data
-            for text in texts:
-                if text in seen:
-                    return text
-            if self.process.poll() is not None and not select.select([self.handle], [], [], 0.2)[0]:
-                return ""
-        raise AssertionError(f"expected one of {texts} within {timeout_s:g} s, found:\n{self.text[-3000:]}")
-
-    def press_enter(self) -> None:
-        os.write(self.handle, b"\n")
 
 
 @pytest.mark.long

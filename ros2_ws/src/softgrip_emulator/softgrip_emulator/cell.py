@@ -88,6 +88,8 @@ class EmulatedCell:
         supply: Supply | None = None,
         camera: CameraSettings | None = None,
         gauge_on: str = "",
+        stage: str = "mark10",
+        gauge: str = "gcl2",
     ) -> None:
         """Prepare a cell; nothing exists before `open`.
 
@@ -103,6 +105,7 @@ class EmulatedCell:
             supply: of the servos.
             camera: resolution, rate, port.
             gauge_on: slot whose tendon the force gauge hangs in; empty = the rig's cable.
+            stage, gauge: of the rig, as `EmulatedRig` names them.
 
         Raises:
             EmulatorError: no such slot.
@@ -111,10 +114,9 @@ class EmulatedCell:
         self.seed = seed
         self.clock = SetClock()
         self.plant = CellPlant(profiles, seed=seed, chain=chain, supply=supply)
-        self.rig = EmulatedRig(seed, clock=ScaledCellClock(self.clock, rig_time_scale))
+        self.rig = EmulatedRig(seed, clock=ScaledCellClock(self.clock, rig_time_scale), stage=stage, gauge=gauge)
         if gauge_on:
-            index = self.plant.index(gauge_on)
-            self.rig.cell.hang(OtherLine(self.rig.truth, lambda: float(self.plant.bank.tension_n[index])))
+            self.hang_gauge(gauge_on)
         self.chain = make_chain(self.plant.servos, self.plant.lock, self.plant.advance_to)
         self.bus_wire = FaultyWire(self.chain, seed)
         self.time_server = TimeServer(
@@ -161,6 +163,18 @@ class EmulatedCell:
             ) from error
         self.time_server.start()
         return self
+
+    def hang_gauge(self, slot: str) -> None:
+        """Take the force gauge out of its line and hang it into a finger's tendon; an empty slot is the rig's cable.
+
+        Raises:
+            EmulatorError: no such slot.
+        """
+        if not slot:
+            self.rig.cell.hang(self.rig.plant)
+            return
+        index = self.plant.index(slot)
+        self.rig.cell.hang(OtherLine(self.rig.truth, lambda: float(self.plant.bank.tension_n[index])))
 
     def _make_port(self, path: Path, device: WireDevice) -> DrivenPort:
         port = DrivenPort(path, device, self.rig.clock, wake=self.time_server.wake)

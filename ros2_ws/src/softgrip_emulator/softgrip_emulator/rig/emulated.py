@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Self
 
 from softgrip_emulator.clock import RealTimeClock, ScaledCellClock
 from softgrip_emulator.errors import EmulatorError
-from softgrip_emulator.rig.amplifier import EmulatedAmplifier
+from softgrip_emulator.rig.amplifier import FORMATS, EmulatedAmplifier
 from softgrip_emulator.rig.grbl import EmulatedGrblStage
 from softgrip_emulator.rig.mark10_gauge import EmulatedMark10Gauge
 from softgrip_emulator.rig.mark10_stand import EmulatedMark10Stand
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from softgrip_emulator.clock import CellClock
     from softgrip_emulator.wire.device import Port, WireDevice
 
+#: gauges beside the Mark-10: formats of an amplifier, boards with a sketch, gauges that are asked
+LINE_GAUGES = (*FORMATS, *SKETCHES, *PROTOCOLS)
 #: [N] of the emulated gauge (Mark-10 M5-10).
 GAUGE_CAPACITY = 50.0
 

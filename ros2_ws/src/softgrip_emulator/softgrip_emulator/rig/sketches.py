@@ -77,6 +77,10 @@ SKETCHES: Final[dict[str, Sketch]] = {
     "bogde_basic": Sketch(
         _BOGDE + "HX711_basic_example", 57600, (), (0, 0.0), lambda _, raw: f"HX711 reading: {raw}", 1, 1.0
     ),
+    "bogde_no_delay": Sketch(
+        _BOGDE + "HX711_basic_example, delay(1000) taken out", 57600, (), (0, 0.0),
+        lambda _, raw: f"HX711 reading: {raw}", 1, 0.0,
+    ),
     "bogde_retry": Sketch(
         _BOGDE + "HX711_retry_example", 57600, (), (0, 0.0), lambda _, raw: f"HX711 reading: {raw}", 1, 1.5
     ),
