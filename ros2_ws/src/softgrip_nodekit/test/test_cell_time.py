@@ -124,8 +124,8 @@ def test_the_time_waits_for_an_executor_and_durations_are_its(context: Context, 
     spinning.start()
     wait_until(lambda: cell.server.participants.names() == {"follows"})
     wait_until(lambda: len(ticks) > 100)  # five seconds of the cell
-    # in one round of the executor the report may come before the tick: the time then runs ahead once more
-    assert max(b - a for a, b in pairwise(ticks[20:])) < 0.05 + 2.0 * (LAG_S + REPORT_PERIOD_S)
+    # a tick is late by some lags in the cell's time (a report may come before it in a round), however busy the computer
+    assert max(b - a for a, b in pairwise(ticks[20:])) < 0.05 + 4.0 * (LAG_S + REPORT_PERIOD_S)
     go_on.clear()  # an executor that stands still
     assert stands.wait(TEST_TIMEOUT_S)
     held_s = cell.server.held_s.get("follows (clock)", 0.0)  # a busy computer's executor has held it before, too
