@@ -154,7 +154,7 @@ site: setup docs-setup study-setup panel-setup  ## the documentation's site alon
 	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/site-trees . $(OUT)/site
 	@echo "$(OUT)/site/index.html"
 
-docs-test: setup $(EXTRAS:%=%-setup)  ## every code block of the tutorials and guides, also the long ones; then the site
+docs-test: setup $(EXTRAS:%=%-setup)  ## every code block of every page, also the long ones; then the site
 	SOFTGRIP_LONG_BLOCKS=1 $(BIN)/python -m pytest -q -n0 tests/documents
 	$(MAKE) site
 
@@ -177,10 +177,13 @@ keys: setup  ## the cell's keys, where there are none, for secure:=true; KEYS=fo
 	@$(WITH_VENV) ros2 run softgrip_security keys $(KEYS) $(ARGS)
 
 UDEV_RULES := /etc/udev/rules.d
+# what name_ports has written
+UDEV_NAMES ?= 61-softgrip-names.rules
 SUDO := $(if $(filter 0,$(shell id -u)),,sudo)
 
-udev:  ## the rules for a bench's serial ports, into /etc/udev/rules.d: latency of USB adapters, rights
+udev:  ## the rules for a bench's serial ports, into /etc/udev/rules.d: latency of USB adapters, rights, and the names that name_ports wrote (UDEV_NAMES=file)
 	$(SUDO) install -D -m 644 $(SRC)/softgrip_driver/udev/60-softgrip.rules $(UDEV_RULES)/60-softgrip.rules
+	@if [ -e $(UDEV_NAMES) ]; then $(SUDO) install -D -m 644 $(UDEV_NAMES) $(UDEV_RULES)/61-softgrip-names.rules; fi
 	@if udevadm control --ping 2>/dev/null; then $(SUDO) udevadm control --reload && $(SUDO) udevadm trigger; \
 	else echo "udev does not run here: plug the adapters in again once it does"; fi
 

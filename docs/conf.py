@@ -18,7 +18,13 @@ project = "softgrip"
 author = "softgrip maintainers"
 copyright = "softgrip maintainers, Apache-2.0"  # noqa: A001  Sphinx' name
 root_doc = "docs/index"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+]
 
 include_patterns = [
     "docs/**.md",
@@ -52,6 +58,7 @@ autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_default_options = {"members": True}
 autodoc_mock_imports = ["mediapipe"]
+autosummary_generate = False  # tables alone: a page has all members
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_use_ivar = True

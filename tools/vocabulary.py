@@ -90,8 +90,21 @@ def python_files() -> Iterator[Path]:
                 yield path
 
 
+def cpp_files() -> Iterator[Path]:
+    """Give every C++ file of the cores and of their tests."""
+    for path in sorted((ROOT / "ros2_ws/src").rglob("*.[ch]pp")):
+        if "build" not in path.parts:
+            yield path
+
+
+#: what a C++ file says without naming anything: comments and text
+_CPP_PROSE = re.compile(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\\n])*"', re.DOTALL)
+
+
 def identifiers(path: Path) -> set[str]:
-    """Return every name that a Python file uses."""
+    """Return every name that a Python or C++ file uses."""
+    if path.suffix != ".py":
+        return set(re.findall(r"\b[A-Za-z_]\w*", _CPP_PROSE.sub(" ", path.read_text(encoding="utf-8"))))
     tokens = tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline)
     # The names of tests are sentences.
     return {token.string for token in tokens if token.type == tokenize.NAME and not token.string.startswith("test_")}
@@ -113,7 +126,7 @@ def public_classes() -> dict[str, list[str]]:
 def found_problems() -> dict[str, str]:
     """Return entry -> explanation of everything that breaks a rule, pending or not."""
     problems: dict[str, str] = {}
-    for path in python_files():
+    for path in (*python_files(), *cpp_files()):
         for name in identifiers(path):
             word = forbidden_word(name)
             if word:

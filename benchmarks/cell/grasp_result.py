@@ -119,7 +119,7 @@ class Watch:
         steady = float(np.abs(pulls_n - self._pulls_n).max()) < STEADY_N_PER_S * self._cell.period_s
         self._pulls_n = pulls_n
         self.unsteady_s = now_s if max(speeds) > REST_SPEED_M_PER_S or not steady else self.unsteady_s
-        pulled = [sample.pulled_length for sample in self._cell.samples()]
+        pulled = [sample.pulled_length_m for sample in self._cell.samples()]
         done = all(
             length_m > path_m - AT_END_M or (speed < STALL_SPEED_M_PER_S and length_m > 0.5 * path_m)
             for length_m, path_m, speed in zip(pulled, self._paths_m, speeds, strict=True)
@@ -216,7 +216,7 @@ def _stall(cell: VirtualCell, speed: float) -> tuple[GraspOutcome, float]:
         slow = all(abs(sample.velocity) < STALL_SPEED_M_PER_S for sample in cell.samples())
         still_since = (still_since or now_s) if slow else None
         if still_since is not None and now_s - still_since >= STALL_TIME_S:
-            short = [target_m - pulled_m > 0.01 * target_m for pulled_m in pair.sample.pulled_m]
+            short = [target_m - pulled_length_m > 0.01 * target_m for pulled_length_m in pair.sample.pulled_length_m]
             outcome = GraspOutcome.GRIPPED if any(short) else GraspOutcome.EMPTY
             return outcome, now_s - float(np.fmin(watch.event_s(outcome, lifted=False), now_s - STALL_TIME_S))
 

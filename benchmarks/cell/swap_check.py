@@ -86,7 +86,7 @@ def _check(
     fault = cell.fault()
     if fault is not None:
         return False, f"{fault.tendon}: {fault.name}", {}
-    closing.end(cell.pulled_m())
+    closing.end(cell.pulled_length_m())
     results = closing.judge()
     bad = [f"{name} {check.reason}" for name, check in results.items() if check.finding is not Finding.GOOD]
     references = {name: check.reference for name, check in results.items() if check.reference is not None}

@@ -125,7 +125,7 @@ class Closings:
         while cell.controller.result(ticket)[0] is None:
             cell.cycle()
             sample = cell.samples()[0]
-            if sample.pulled_length > FROM_M:
+            if sample.pulled_length_m > FROM_M:
                 for session, where in ((cell.session, score), (self._alone, friction_alone)):
                     if where is not None:
                         (found,) = session.predict([sample], SLOTS[:1])

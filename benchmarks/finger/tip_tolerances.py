@@ -53,10 +53,10 @@ class FirstClosing(Closings):
         while cell.controller.result(ticket)[0] is None:
             cell.cycle()
             sample = cell.samples()[0]
-            if sample.pulled_length > FROM_M:
-                true.append([sample.pulled_length, *cell.tip_m()])
+            if sample.pulled_length_m > FROM_M:
+                true.append([sample.pulled_length_m, *cell.tip_m()])
             if self.has_frame():
-                pulled_mm, tip_mm = 1e3 * sample.pulled_length, 1e3 * self.seen_tip()
+                pulled_mm, tip_mm = 1e3 * sample.pulled_length_m, 1e3 * self.seen_tip()
                 (found,) = cell.session.predict([sample], SLOTS[:1])
                 instant = ClosingInstant(sample.stamp, pulled_mm, tip_mm, sample.tension, found.tension)
                 collector.add(instant, pulling=True, free=True)

@@ -91,8 +91,8 @@ def learnt(profile: Profile, slot: str, draw: np.random.Generator) -> list[State
     states = []
     for _ in range(LEARNT):
         known = dataclasses.replace(prior, mean=draw.standard_normal(len(prior.mean)))
-        pulled_m = draw.uniform(0.0, MAX_PULLED_M, STATES // LEARNT).tolist()
-        states += _states(configuration.closing(slot, pulled_m, known))
+        pulled_length_m = draw.uniform(0.0, MAX_PULLED_M, STATES // LEARNT).tolist()
+        states += _states(configuration.closing(slot, pulled_length_m, known))
     return states
 
 

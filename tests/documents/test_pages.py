@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every code block of the tutorials and how-to guides is run; those that take long by `make docs-test`."""
+"""Every code block of every page is run, or what it names is looked for; `make docs-test` runs those that take long."""
 
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -15,8 +16,13 @@ ROOT = Path(__file__).resolve().parents[2]
 LONG = bool(os.environ.get("SOFTGRIP_LONG_BLOCKS"))
 
 
-#: Pages whose language is held to the aims of tools/pages/word_counts.py, besides the tutorials and guides.
-WRITTEN = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "docs/build").glob("*.md")]
+#: Pages whose language is held to the aims of tools/pages/word_counts.py: all but those that the site's build writes.
+WRITTEN = [*ROOT.glob("*.md"), ROOT / "embedded/README.md"]
+WRITTEN += [path for path in (ROOT / "docs").rglob("*.md") if "generated" not in path.parts]
+
+
+#: What ROS 2 gives every node.
+STANDARD_SERVICES = {"get_parameters", "set_parameters", "get_state"}
 
 
 def tool(name: str) -> ModuleType:
@@ -26,16 +32,21 @@ def tool(name: str) -> ModuleType:
 blocks = tool("blocks")
 links = tool("links")
 word_counts = tool("word_counts")
-PAGES = list(blocks.pages())
+PAGES = blocks.pages()
 
 
 @pytest.mark.timeout(1200 if LONG else 120)
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_what_a_page_says_to_type_works(page: Path, tmp_path: Path) -> None:
     blocks.Reader(tmp_path, long=LONG).run(page)
 
 
-@pytest.mark.parametrize("page", sorted({*WRITTEN, *PAGES}), ids=lambda page: f"{page.parent.name}/{page.stem}")
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_what_running_text_names_is_there(page: Path) -> None:
+    assert list(blocks.text_problems(page)) == []
+
+
+@pytest.mark.parametrize("page", sorted(WRITTEN), ids=lambda page: str(page.relative_to(ROOT)))
 def test_sentences_and_paragraphs_are_short(page: Path) -> None:
     found = word_counts.statistics_of(page.read_text(encoding="utf-8"))
     assert found.mean <= word_counts.MAX_MEAN_WORDS
@@ -91,9 +102,138 @@ def test_a_page_that_says_something_else_fails(tmp_path: Path, monkeypatch: pyte
 
 
 @pytest.mark.parametrize(
-    "line", ["ros2 run softgrip_model predicts", "ros2 launch softgrip_bringup cell.launch.yaml cells:=2", "make cofee"]
+    "line",
+    [
+        "ros2 run softgrip_model predicts",
+        "ros2 run softgrip_model predict --profiel power",
+        "ros2 run softgrip_bag replay BAG --through no_node",
+        "ros2 run softgrip_driver tendon_driver --ros-args -p loop_rat:=100.0",
+        "ros2 run softgrip_driver tendon_driver --ros-args -p loop_rate:=1.0e9",
+        "ros2 run softgrip_grip grip",
+        "ros2 launch softgrip_bringup cell.launch.yaml cells:=2",
+        "ros2 launch softgrip_bringup cell.launch.yaml hardware:=wooden",
+        "ros2 launch softgrip_bringup cel.launch.yaml",
+        "ros2 service call /estpo std_srvs/srv/Trigger",
+        "ros2 service call /estop std_srvs/srv/SetBool",
+        "ros2 service call /cell/select_product softgrip_interfaces/srv/SelectProduct '{produkt: egg}'",
+        "ros2 service call /cell/plan_mix softgrip_interfaces/srv/PlanMix '{quantities: [many]}'",
+        "ros2 service cal /estop std_srvs/srv/Trigger",
+        "ros2 action send_goal /cell/grap softgrip_interfaces/action/Grasp",
+        "ros2 action send_goal /cell/grasp softgrip_interfaces/action/Grasp '{products: egg}'",
+        "ros2 topic echo --twice /cell/state",
+        "ros2 topic echo /cell/stat",
+        "ros2 topic pub /teleoperation/dead_man std_msgs/msg/Bool '{data: maybe}'",
+        "ros2 param set /tendon_driver loop_rat 100.0",
+        "ros2 bag record --every",
+        "ros2 node info /tendondriver",
+        "ros2 lifecycle set /no_driver configure",
+        "ros2 interface show softgrip_interfaces/msg/NoState",
+        "ros2 pkg prefix softgrip_grip",
+        "make cofee",
+        "make demo SEEDS=2",
+        "python -m softgrip_model.frictions",
+        "python tools/no_tool.py",
+        "python tools/pages/word_counts.py --limits README.md",
+        "pip install -r requirements-none.lock",
+        "cd ros2_ws && make cofee",
+        "cp $(ros2 pkg prefix softgrip_grip)/a b",
+        "no_program at all",
+    ],
 )
-def test_a_command_that_does_not_exist_is_found_without_running_it(line: str, tmp_path: Path) -> None:
+def test_a_command_that_does_not_exist_is_found_without_running_it(line: str) -> None:
     block = blocks.Block(ROOT / "docs/index.md", 1, "sh", line)
     with pytest.raises(blocks.BlockError):
         blocks.check_names(block)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ros2 launch softgrip_bringup cell.launch.yaml cel:=left",
+        "ros2 run softgrip_bag export --lerobots",
+        "make demoo",
+        "softgrip_model.fingers",
+        "softgrip_model.finger.no_such_name",
+        "tools/pages/blokcs.py",
+        "tendon/mvoe",
+    ],
+)
+def test_running_text_that_names_what_is_not_there_is_found(text: str) -> None:
+    assert blocks.named.text_problem(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "ros2 launch",
+        "ros2 run PACKAGE EXECUTABLE",
+        "ros2 run softgrip_bag export --lerobot OUT BAG...",
+        "ros2 topic echo /left/cell/state",
+        "make demo SEED=2",
+        "softgrip_model.finger.close",
+        "tools/pages/blocks.py",
+        "tendon/move",
+        "and/or",
+    ],
+)
+def test_running_text_that_names_what_is_there_passes(text: str) -> None:
+    assert blocks.named.text_problem(text) == ""
+
+
+def test_a_parameter_file_is_held_to_the_tables() -> None:
+    assert blocks.named.parameter_problem({"/**/camera": {"ros__parameters": {"no_such": 1}}})
+    assert blocks.named.parameter_problem({"schema": 1, "parameters": {"panel": {"host": 1}}})
+    assert blocks.named.parameter_problem({"schema": 1, "parameters": {"panel": {"host": "0.0.0.0"}}}) == ""
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["    make demo\n", "```\nmake demo\n```\n", "```yaml\na: 1\n```\n", "<!-- elsewhere -->\n```sh\nmake demo\n```\n"],
+)
+def test_a_block_says_what_it_is_and_why_it_is_not_run(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"# Page\n\n{text}")
+    monkeypatch.setattr(blocks, "ROOT", tmp_path)
+    with pytest.raises(blocks.BlockError):
+        blocks.blocks_of(page)
+
+
+def test_what_is_hidden_is_run_where_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        '<!-- hidden: echo "made" > file -->\n\n```sh\ncat file\n```\n\n<!-- output -->\n```text\nmade\n```\n'
+    )
+    monkeypatch.setattr(blocks, "ROOT", tmp_path)
+    monkeypatch.setattr(blocks, "TOP", ())
+    assert blocks.Reader(tmp_path).run(page) == 3
+
+
+def test_links_of_the_generated_reference_lead_somewhere() -> None:
+    reference = load_script(ROOT / "tools/docs/reference.py")
+    folder = ROOT / "docs/reference/generated"
+    broken = [
+        f"{name}: {target}"
+        for name, text in reference.pages().items()
+        for target in re.findall(r"\]\(([^)#:]+\.md)(?:#[^)]*)?\)", text)
+        if target.startswith("..")
+        and not (folder / name).parent.joinpath(target).resolve().is_relative_to(folder)
+        and not (folder / name).parent.joinpath(target).resolve().is_file()
+    ]
+    assert broken == []
+
+
+def test_every_topic_service_and_action_is_explained() -> None:
+    made = {name for _, name in blocks.named.ros_names.interfaces.endpoints()}
+    explained = set(blocks.named.ros_names.interfaces.meanings())
+    standard = {"/clock"} | {name for name in made if name.rpartition("/")[2] in STANDARD_SERVICES}
+    assert {name for name in made if not name.startswith("~")} - explained <= standard
+
+
+def test_every_package_has_a_page_of_its_python_api() -> None:
+    reference = load_script(ROOT / "tools/docs/reference.py")
+    on_pages = {title.partition(".")[0] for title, _, _ in reference.api.PAGES.values()}
+    without_python = {"softgrip_bringup", "softgrip_cmake", "softgrip_interfaces"}
+    packages = {path.parent.name for path in (ROOT / "ros2_ws/src").glob("*/package.xml")}
+    assert packages - on_pages == without_python

@@ -56,7 +56,7 @@ def test_a_predicted_tip_goes_on_after_a_groove_has_closed() -> None:
         put_off_ns = SPAN_NS if closings else 0
         if closings == 1 and tendon.velocity > 0.0:
             (found,) = session.predict([tendon], ["index"])
-            pulled.append(1e3 * tendon.pulled_length)
+            pulled.append(1e3 * tendon.pulled_length_m)
             predicted.append(found.tip_mm)
             seen.append((1e3 * finger.tip.x, 1e3 * finger.tip.y))
     closed = np.array(pulled) > 17.0

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from bisect import bisect_right
 from dataclasses import replace
 from pathlib import Path
@@ -137,3 +138,13 @@ def test_bags_without_episodes_are_named_and_left_out(tmp_path: Path, capsys: py
     assert "4 episodes, 1 of them a success" in printed.out
     assert export.main(["--lerobot", str(tmp_path / "none"), *without]) == 2
     assert "found none in these bags" in capsys.readouterr().err
+
+
+def test_an_image_that_claims_more_than_a_camera_has_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
+    png = bytearray(cv2.imencode(".png", np.zeros((48, 64, 3), np.uint8))[1].tobytes())
+    png[16:24] = struct.pack(">II", 60_000, 60_000)  # 11 GB of pixels
+    whole = recorded_episodes(BAG, RATE_HZ)[0]
+    images = (bytes(png),) * len(whole.times_ns)
+    bomb = replace(whole, images=images, image_stamps_ns=whole.times_ns)
+    with pytest.raises(BagError, match="32000000 pixels at most, found 60000x60000"):
+        write_lerobot(tmp_path / "set", [bomb], RATE_HZ)

@@ -56,14 +56,16 @@ class Cell:
         self.friction = peer.node.create_publisher(FrictionModel, "friction/active", LATCHED)
         self.state = peer.node.create_publisher(CellState, "cell/state", LATCHED)
         self.predicted: list[FingerStates] = peer.hear(FingerStates, "finger/predicted", SENSOR)
-        self._pulled_m = 0.0
+        self._pulled_length_m = 0.0
 
     def drive_until(self, condition: Any) -> None:
         """Send tendon states, a hundred a second at most, until something has come of them."""
 
         def driven() -> bool:
-            self._pulled_m = (self._pulled_m + 1e-4) % 0.012
-            message = JointState(name=list(SLOTS), position=[self._pulled_m] * 3, velocity=[0.01] * 3, effort=[5.0] * 3)
+            self._pulled_length_m = (self._pulled_length_m + 1e-4) % 0.012
+            message = JointState(
+                name=list(SLOTS), position=[self._pulled_length_m] * 3, velocity=[0.01] * 3, effort=[5.0] * 3
+            )
             message.header.stamp = to_time_message(time.time_ns())
             self._tendons.publish(message)
             time.sleep(0.01)

@@ -23,16 +23,21 @@ _WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) %
 _DOMAINS = itertools.count(60 + 10 * _WORKER)
 
 
+def environment_of(domain: int, folder: Path) -> dict[str, str]:
+    """Return the environment of a process in a domain, with its logs below a folder."""
+    return os.environ | {
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_HOME": str(folder / "ros_home"),
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+    }
+
+
 class Launched:
     """A `ros2 launch` with all of its processes, its output, and its end."""
 
     def __init__(self, arguments: list[str], domain: int, log: Path) -> None:
         self.domain = domain
-        self.environment = os.environ | {
-            "ROS_DOMAIN_ID": str(domain),
-            "ROS_HOME": str(log.parent / "ros_home"),
-            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-        }
+        self.environment = environment_of(domain, log.parent)
         self.started = time.monotonic()
         self.process = subprocess.Popen(
             arguments,
@@ -137,6 +142,12 @@ def _launches(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
 def launch(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
     """Start a command in a domain of its own; everything is killed at the end of the test."""
     yield from _launches(tmp_path)
+
+
+@pytest.fixture
+def two_environments(tmp_path: Path) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the environments of two domains that nobody else is in."""
+    return environment_of(next(_DOMAINS), tmp_path), environment_of(next(_DOMAINS), tmp_path)
 
 
 @pytest.fixture(scope="module")

@@ -67,7 +67,7 @@ TRUE_LENS = Lens(
 
 def lines() -> list[list[str]]:
     """Return the command lines of the document, as words."""
-    found = [line.strip() for line in DOCUMENT.read_text().splitlines() if re.match(r"    (ros2|cp) ", line)]
+    found = [line for line in DOCUMENT.read_text().splitlines() if re.match(r"(ros2|cp) ", line)]
     return [line.split() if line.startswith("cp ") else shlex.split(line) for line in found]
 
 
@@ -87,13 +87,14 @@ class Person:
         self.folder, self.cell, self.environment = folder, cell, environment
         self.said = ""
 
-    def types(self, words: list[str], *, patient: bool = True) -> str:
+    def types(self, words: list[str]) -> str:
         """Run a command to its end with code 0; return what it printed."""
         name = name_of(words)
         words = [str(self.folder / "wires" / PORTS[word]) if word in PORTS else word for word in words]
-        terminal = Terminal(words + (PATIENT.get(name, []) if patient else []), self.environment, self.folder)
+        line = " ".join(words) if name == "cp" else shlex.join(words + PATIENT.get(name, []))
+        terminal = Terminal(line, self.environment, self.folder)
         self._weighs(terminal)
-        assert terminal.end(180.0) == 0, f"{words}:\n{terminal.text}"
+        assert terminal.wait(180.0) == 0, f"{line}:\n{terminal.text}"
         self.said = terminal.text
         return self.said
 
@@ -121,8 +122,11 @@ def person(tmp_path: Path) -> Iterator[Person]:
         "ROS_HOME": str(tmp_path / "ros_home"),
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
     }
+    # As the node has it: its servos must answer while the plant computes.
+    sys.setswitchinterval(0.0005)
     with cell:
         yield Person(tmp_path, cell, environment)
+    sys.setswitchinterval(0.005)
 
 
 def pictures(folder: Path) -> dict[str, str]:
@@ -219,7 +223,7 @@ def test_a_bench_from_the_box_to_its_friction_by_the_document(launch: Launch, tm
     assert {(tmp_path / name).read_bytes()[:4] for name in ("board.pdf", "plane.pdf")} == {b"%PDF"}
     assert [one.finger for one in known.planes] == ["index"]
 
-    subprocess.run(" ".join(copy), shell=True, check=True, cwd=tmp_path, env=person.environment)
+    person.types(copy)
     edited(tmp_path / "cell.yaml", tmp_path / "wires", {"torque_per_ampere_nm_a": float(torque[1])})
     person.types(check)
     file = f"cell_file:={tmp_path}/cell.yaml"

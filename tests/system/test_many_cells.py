@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -81,10 +82,10 @@ def test_cells_share_a_domain_and_nothing_else(launch: Launch, tmp_path: Path) -
 
 
 @pytest.mark.long
-@pytest.mark.timeout(5400)
+@pytest.mark.timeout(7200)
 def test_three_shifts_at_once_in_one_domain_reach_their_ends(launch: Launch, tmp_path: Path) -> None:
     """Each bag replays bit by bit, with every node that can be replayed, and holds no message of another cell."""
-    domain, shifts, bags = None, {}, {}
+    domain, shifts, bags, begun = None, {}, {}, time.monotonic()
     for seed, name in enumerate(("left", "middle", "right"), start=1):
         shifts[name] = launch(
             sys.executable, str(ROOT / "tools" / "demo.py"), f"{tmp_path}/{name}", "--seed", str(seed), f"cell:={name}",
@@ -92,24 +93,31 @@ def test_three_shifts_at_once_in_one_domain_reach_their_ends(launch: Launch, tmp
         )  # fmt: skip
         domain = shifts[name].domain
     for name, shift in shifts.items():
-        assert shift.wait_for_end(2400.0) == 0, shift.output[-6000:]
+        assert shift.wait_for_end(4200.0) == 0, shift.output[-6000:]
         summary = json.loads((tmp_path / name / "summary.json").read_text())
         assert len({grasp["product"] for grasp in summary["grasps"]}) == 15
         assert shift.survivors() == []
         bags[name] = Path(summary["bag"]["path"])
+        minutes = (time.monotonic() - begun) / 60.0
+        print(f"{name}: {len(summary['grasps'])} grasps, ended within {minutes:.1f} minutes")  # noqa: T201  a measurement
     for name, bag in bags.items():
-        assert_own(bag, name)
+        messages = assert_own(bag, name)
+        compared = {}
         for node in NODES:
             result = check(bag, node)
             assert result.divergence is None, (name, node, result.divergence)
             assert result.compared > 0, (name, node)
+            compared[node] = result.compared
+        print(f"{name}: {messages} messages, all its own; compared in replays: {compared}")  # noqa: T201  a measurement
 
 
-def assert_own(bag: Path, name: str) -> None:
-    """Check that every message of a bag is one of the cell's own."""
+def assert_own(bag: Path, name: str) -> int:
+    """Check that every message of a bag is one of the cell's own; return how many there are."""
     seen: set[str] = set()
+    messages = 0
     with AnyReader([bag]) as reader:
         for connection, _, data in reader.messages():
+            messages += 1
             topic = connection.topic
             if topic.startswith(f"/{name}/"):
                 seen.add(topic)
@@ -120,3 +128,4 @@ def assert_own(bag: Path, name: str) -> None:
             assert all(sender.startswith(f"{name}/") for sender in senders), (topic, senders)
             seen.add(topic)
     assert {f"/{name}/tendon/state", f"/{name}/finger/measured", "/diagnostics", "/rosout", "/tf_static"} <= seen
+    return messages

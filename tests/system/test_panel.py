@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from softgrip_cell.storage import Database, Library
-from softgrip_testing.browser import PanelBrowser
+from softgrip_testing.browser import POINT_ASKED, PanelBrowser
 
 pytest.importorskip("nicegui", reason="make panel-setup")
 pytest.importorskip("selenium", reason="make panel-setup")
@@ -191,6 +191,63 @@ def free_port() -> int:
 def answers(port: int) -> bool:
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+@pytest.mark.long
+@pytest.mark.timeout(400)
+def test_a_friction_measurement_outlives_the_panel_and_the_rig(launch: Callable[..., Any], tmp_path: Path) -> None:
+    port = free_port()
+    cell, address = start_cell(launch, tmp_path, f"panel_port:={port}")
+    with PanelBrowser(address) as browser:
+        log_in(browser)
+        browser.open("/friction")
+        browser.press("take")
+        browser.press("rig-begin")
+        measure_until(browser, 2)
+        browser.wait(lambda: "3 / 9" in browser.text("#rig"), "the third point to be asked for")
+        asked = browser.text("#rig-instruction")
+        kill(cell, "panel")
+        browser.wait(lambda: answers(port), "the panel to be back")
+        browser.log_in("Ada")
+        browser.open("/friction")
+        browser.wait_for_text("#rig-instruction", asked)
+        assert points(browser) == 2
+        browser.press("take")
+        measure_until(browser, 3)
+        browser.press("cancel")  # the goal of a panel that is no more
+        browser.wait_for_text("#rig-instruction", "CANCELLED")
+        resume(browser)
+        kill(cell, "friction_rig")
+        browser.wait_for_text("#rig-instruction", "was broken off after 3 points: resume it")
+        assert browser.count(POINT_ASKED) == 0
+        resume(browser)
+    cell.interrupt()
+    cell.wait_for_end(30.0)
+
+
+def points(browser: PanelBrowser) -> int:
+    return browser.count("#rig-points tbody tr")
+
+
+def measure_until(browser: PanelBrowser, count: int) -> None:
+    """Do what the rig asks for until so many points are measured and the next is asked for."""
+    while True:
+        browser.wait(lambda: browser.count(POINT_ASKED) > 0, "a step that is asked for")
+        if points(browser) == count:
+            return
+        before = browser.text("#rig-instruction")
+        browser.press("rig-done")
+        browser.wait(lambda before=before: browser.text("#rig-instruction") != before, "what follows")
+
+
+def resume(browser: PanelBrowser) -> None:
+    """Go on with the last plan; three of its points are measured."""
+    if not browser.script("return document.querySelector('#rig-start .q-checkbox').ariaChecked === 'true'"):
+        browser.find("#rig-start .q-checkbox").click()
+    browser.press("rig-begin")
+    browser.wait_for_text("#rig-instruction", "the gauge is set to zero")
+    browser.press("rig-done")
+    browser.wait(lambda: "4 / 9" in browser.text("#rig"), "the fourth point to be asked for")
 
 
 @pytest.mark.long

@@ -11,10 +11,13 @@ import pytest
 
 from softgrip_demo.first_run import bus_steps, camera_steps
 from softgrip_demo.first_run.cube import TEST_CUBE
+from softgrip_design.parts import drives
+from softgrip_driver.damiao import frames as damiao
 from softgrip_driver.dynamixel.registers import MODELS
-from softgrip_driver.wizard.direction import SpoolPull
+from softgrip_driver.feetech import registers as feetech
+from softgrip_driver.wizard.direction import MIN_PULL_N, SpoolPull
 from softgrip_driver.wizard.tensioning import SETTLED_M, TensioningPlan
-from softgrip_driver.wizard.wizard import MIN_PULL_N, WizardSettings
+from softgrip_driver.wizard.wizard import WizardSettings
 from softgrip_testing.scripts import load_script
 from softgrip_vision.calibrating.plane import LARGEST_RMS
 
@@ -29,6 +32,13 @@ def load(name: str) -> ModuleType:
 @pytest.mark.parametrize("name", ["build_wiring", "build_spool", "build_camera", "build_rig"])
 def test_a_picture_is_what_the_code_draws(name: str) -> None:
     assert (ROOT / f"docs/figures/{name}.svg").read_text() == load("build").PICTURES[name]()
+
+
+def test_each_drive_has_a_plate_or_a_reason_why_not() -> None:
+    known = set(MODELS) | set(feetech.MODELS) | set(damiao.MODELS)
+    made = {model for face in drives.FACES for model in face.models}
+    assert made | set(drives.WITHOUT_PLATE) == known
+    assert not made & set(drives.WITHOUT_PLATE)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -85,12 +85,12 @@ IN_ROSDISTRO = {
     "diagnostic_msgs", "dynamixel_sdk", "eigen", "geometry_msgs", "gtest", "joint_state_broadcaster",
     "joint_state_topic_hardware_interface", "launch", "launch_testing", "launch_yaml", "lifecycle_msgs",
     "parallel_gripper_controller", "pybind11-dev", "python3-cryptography", "python3-dev", "python3-gymnasium-pip",
-    "python3-hypothesis", "python3-jinja2", "python3-matplotlib", "python3-meshio", "python3-mujoco-pip",
-    "python3-numpy", "python3-opencv", "python3-pytest", "python3-pytest-timeout", "python3-rich",
+    "python3-hypothesis", "python3-jinja2", "python3-jsonschema", "python3-matplotlib", "python3-meshio",
+    "python3-mujoco-pip", "python3-numpy", "python3-opencv", "python3-pytest", "python3-pytest-timeout", "python3-rich",
     "python3-rosbags-pip", "python3-scipy", "python3-serial", "python3-sqlalchemy", "python3-yaml",
     "rcl_interfaces", "rclpy", "ros2launch", "rosgraph_msgs", "rosidl_default_generators",
     "rosidl_default_runtime", "rosidl_interface_packages", "rviz2", "sensor_msgs", "std_msgs", "std_srvs",
-    "tf2_msgs", "trajectory_msgs", "visualization_msgs",
+    "tf2_msgs", "trajectory_msgs", "visualization_msgs", "xacro",
 }  # fmt: skip
 
 

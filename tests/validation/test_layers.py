@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "softgrip_emulator": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_vision": {"softgrip_description", "softgrip_model", "softgrip_time"},
     "softgrip_cell": {"softgrip_description", "softgrip_model", "softgrip_time"},
-    "softgrip_bag": {"softgrip_model", "softgrip_time"},
+    "softgrip_bag": {"softgrip_model", "softgrip_time", "softgrip_vision"},
     "softgrip_bringup": set(),
     "softgrip_panel": {"softgrip_driver", "softgrip_model", "softgrip_time", "softgrip_vision"},
     "softgrip_cmake": set(),

@@ -32,7 +32,8 @@ def test_every_value_has_a_unit_comment_and_reads_back_as_its_type(path: Path) -
 
 def test_real_hardware_keeps_stop_and_lock_with_the_port_whatever_the_launch_s_folder() -> None:
     document = yaml.safe_load((parameters.CONFIG.parent / "settings" / "real.yaml").read_text())
-    assert document["/**/tendon_driver"]["ros__parameters"] == {"safety_file": ""}
+    for node in ("tendon_driver", "friction_rig"):
+        assert document[f"/**/{node}"]["ros__parameters"] == {"safety_file": ""}
 
 
 def test_real_hardware_begins_with_the_tolerances_that_sources_state() -> None:

@@ -24,6 +24,7 @@ vocabulary = load_script(TOOL)
         ("almost_there", ""),
         ("min_corners", ""),
         ("MOSTLY", ""),
+        ("kMostRounds", "most"),
     ],
 )
 def test_words_are_found_in_any_spelling_of_an_identifier(identifier: str, word: str) -> None:
@@ -41,5 +42,8 @@ def test_a_name_that_breaks_a_rule_is_found(tmp_path: Path, monkeypatch: pytest.
     package.mkdir(parents=True)
     (package / "one.py").write_text("class Verdict: pass\nhaste = 1\n")
     (package / "two.py").write_text("class Verdict: pass\n")
+    (package / "three.hpp").write_text(
+        '// haste is prose\nconstexpr int kNapSteps = 4;  /* least */\nauto text = "most";\n'
+    )
     monkeypatch.setattr(vocabulary, "ROOT", tmp_path)
-    assert set(vocabulary.found_problems()) == {"haste", "class Verdict"}
+    assert set(vocabulary.found_problems()) == {"haste", "class Verdict", "kNapSteps"}

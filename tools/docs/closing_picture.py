@@ -46,7 +46,7 @@ class Frame:
 
     stamp_ns: int
     profile: str
-    pulled_m: float
+    pulled_length_m: float
     measured: Array
     predicted: Array
     tip_error_mm: float
@@ -84,11 +84,11 @@ def longest_closing(everything: Sequence[Frame]) -> list[Frame]:
     runs: list[list[Frame]] = [[]]
     for frame in everything:
         last = runs[-1][-1] if runs[-1] else None
-        if last is not None and (frame.profile != last.profile or frame.pulled_m < last.pulled_m - 1e-4):
+        if last is not None and (frame.profile != last.profile or frame.pulled_length_m < last.pulled_length_m - 1e-4):
             runs.append([])
-        if not runs[-1] or frame.pulled_m >= runs[-1][-1].pulled_m + STEP_M:
+        if not runs[-1] or frame.pulled_length_m >= runs[-1][-1].pulled_length_m + STEP_M:
             runs[-1].append(frame)
-    return max(runs, key=lambda run: run[-1].pulled_m - run[0].pulled_m if run else 0.0)
+    return max(runs, key=lambda run: run[-1].pulled_length_m - run[0].pulled_length_m if run else 0.0)
 
 
 def chain(finger: Finger, angles: Array) -> Array:
@@ -105,7 +105,7 @@ def draw(frame: Frame, past: Sequence[Frame], finger: Finger, limits: tuple[floa
         1, 2, figsize=(7.2, 3.3), width_ratios=(1.25, 1), layout="constrained", dpi=100
     )
     draw_finger(left, frame, finger)
-    pulled = [1e3 * one.pulled_m for one in past]
+    pulled = [1e3 * one.pulled_length_m for one in past]
     right.plot(pulled, [one.tip_error_mm for one in past], color="0.25")
     right.set(xlim=(0, limits[0]), ylim=(0, limits[1]), xlabel="pulled length [mm]")
     right.set_title("tip: seen minus predicted [mm]", fontsize=10)
@@ -128,7 +128,7 @@ def draw_finger(axes: Axes, frame: Frame, finger: Finger) -> None:
         axes.plot(*points.T, style, color=colour, linewidth=width, alpha=0.85, label=label, solid_capstyle="round")
         axes.plot(*points.T, "o", color="white", markeredgecolor=colour, markersize=5)
     axes.set(xlim=(-15, 1.05 * reach), ylim=(-1.02 * reach, 0.25 * reach), aspect="equal", xlabel="[mm]")
-    axes.set_title(f"{frame.profile}, {FINGER}: {1e3 * frame.pulled_m:.1f} mm pulled", fontsize=10)
+    axes.set_title(f"{frame.profile}, {FINGER}: {1e3 * frame.pulled_length_m:.1f} mm pulled", fontsize=10)
     axes.legend(loc="lower left", fontsize=8, frameon=False)
 
 
@@ -137,7 +137,7 @@ def main() -> int:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     run = longest_closing(frames())
     finger = Finger.from_profile(load_directory(shipped_directory())[run[0].profile], FINGER)
-    limits = 1.05e3 * run[-1].pulled_m, max(2.0, 1.15 * max(frame.tip_error_mm for frame in run))
+    limits = 1.05e3 * run[-1].pulled_length_m, max(2.0, 1.15 * max(frame.tip_error_mm for frame in run))
     pictures = [draw(frame, run[: i + 1], finger, limits) for i, frame in enumerate(run)]
     durations = [DURATION_MS] * (len(pictures) - 1) + [LAST_MS]
     pictures[0].save(

@@ -4,7 +4,7 @@
 Needs gmsh and ccx on the PATH (apt-get install gmsh calculix-ccx), build123d (make parts-setup) and some minutes. The
 solid is the printed one without cable channels, marker seats and text, so that CalculiX' C3D10 are few: neo-Hookean,
 cable as in softgrip_testing.calculix_cable. Both programs have the same tetrahedra: quadratic ones there, each cut into
-four hexahedra here.
+four hexahedra here. A finer mesh in GDFE, the profile's own and the predictor's finger of the same modulus are beside.
 """
 
 from __future__ import annotations
@@ -27,12 +27,14 @@ from softgrip_design.parts.files import write_part
 from softgrip_design.parts.finger_form import finger_form
 from softgrip_design.parts.palm import palm_seat
 from softgrip_design.parts.solid import make_solid
-from softgrip_model.finger import Finger
+from softgrip_model.finger import Finger, MomentLaw, Solution, Strip, close
+from softgrip_model.finger.predictor import assumed_friction
 from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, FingerMesh, mesh_finger
-from softgrip_model.gdfe.solid_mesh import ElementSize, SolidFinger, cut_into_hexahedra, tetrahedra_of
-from softgrip_model.profile import load, shipped_directory
-from softgrip_testing.calculix_cable import MATERIAL, our_closing
+from softgrip_model.gdfe.solid_mesh import ElementSize, SolidFinger, cut_into_hexahedra, mesh_solid, tetrahedra_of
+from softgrip_model.profile import Profile, load, shipped_directory
+from softgrip_testing.calculix_cable import MATERIAL, ClosedFinger, our_closing
+from softgrip_testing.calculix_flexures import MODULUS_MPA
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
@@ -80,6 +82,17 @@ def closing_of(mesh: FingerMesh, spacing_mm: float) -> ClosingPath:
     return ClosingPath(profile, "index", settings, body=body)
 
 
+def predicted(finger: Finger, profile: Profile) -> Solution:
+    """Return the predictor's finger (mode F) at the pulls, its strips of the neo-Hookean material's modulus."""
+    same = dataclasses.replace(finger, strip=Strip((0.0, 0.0, MODULUS_MPA), MomentLaw.LINEAR))
+    return close(same, assumed_friction(profile).law, np.array(PULLS_MM))
+
+
+def show(name: str, pull_mm: float, one: ClosedFinger) -> None:
+    """Print a row of the table."""
+    say(f"{pull_mm:g} mm, {name}: tip {one.tip_mm.round(2)} mm, {one.tension_n:.3f} N")
+
+
 def say(text: str) -> None:
     """Print at once."""
     sys.stdout.write(f"{text}\n")
@@ -100,18 +113,21 @@ def main() -> int:
         theirs = quadratic(printed, nodes, tetrahedra)
         say(f"CalculiX: {len(theirs.mesh.hexes)} C3D10, {len(theirs.mesh.nodes)} nodes")
         solid = closing_of(printed.cut(*cut_into_hexahedra(nodes, tetrahedra)), 2.0)
+        finer = closing_of(mesh_solid(step, finger), 2.0)
         own = closing_of(mesh_finger(finger, RESOLUTIONS["fine"], depth_mm, strip_below=0.0), 1.0)
-        say(f"GDFE: {solid.hexahedra} hexahedra of the solid, {own.hexahedra} of the profile")
-        for pull in PULLS_MM:
-            for name, closing in (("solid", solid), ("profile", own)):
-                one = our_closing(closing, pull)
-                say(f"{pull:g} mm, GDFE of the {name}: tip {one.tip_mm.round(2)} mm, {one.tension_n:.3f} N")
+        meshes = {"solid": solid, "solid, finer": finer, "profile's mesh": own}
+        for name, closing in meshes.items():
+            say(f"GDFE, {name}: {closing.hexahedra} hexahedra")
+            for pull in PULLS_MM:
+                show(name, pull, our_closing(closing, pull))
+        predictor = predicted(finger, profile)
+        for k, pull in enumerate(PULLS_MM):
+            show("predictor", pull, ClosedFinger(predictor.tip_mm[0, k], np.zeros(0), predictor.tension_n[0, k, 0]))
         last = solid.shape(1e-3 * PULLS_MM[-1])
         full_n = FULL_SHARE * last.tension[0]
         increments = calculix(deck(theirs, np.array(last.tension[1:]), "C3D10"), len(theirs.mesh.nodes), TIME_LIMIT_S)
         for pull in PULLS_MM:
-            one = at_length(theirs, increments, pull, full_n)
-            say(f"{pull:g} mm, CalculiX: tip {one.tip_mm.round(2)} mm, {one.tension_n:.3f} N")
+            show("CalculiX", pull, at_length(theirs, increments, pull, full_n))
     return 0
 
 

@@ -8,15 +8,21 @@ A comment in the line above a block says what else is to be known:
     <!-- long -->              takes long: run by `make docs-test`
     <!-- background -->        goes on while the blocks below run, and is ended after the last
     <!-- elsewhere: why -->    needs what is not here, such as a servo; only the names in it are checked
+    <!-- shown: what -->       a drawing, a formula, the layout of a folder: nothing that anybody types
+
+A comment of its own, `<!-- hidden: COMMAND -->`, is run where it stands: it prepares the folder, such as
+with a bag, or checks a file.
+`python tools/pages/blocks.py` lists how many blocks are run, and which are not and why.
 """
 
 from __future__ import annotations
 
+import argparse
+import collections
 import contextlib
 import io
 import os
 import re
-import shlex
 import signal
 import subprocess
 import sys
@@ -27,10 +33,13 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from markdown_it import MarkdownIt
 
 sys.path.append(str(Path(__file__).parent))
 
+import links
 import named
+import shell_lines
 
 ROOT = Path(__file__).resolve().parents[2]
 #: What a reader has in the folder that the commands are typed in.
@@ -45,10 +54,9 @@ TOP += (
 )
 LANGUAGES = ("sh", "python", "yaml", "text")
 BACKGROUND_START_S = 180.0
-_BLOCK = re.compile(
-    r"(?:^<!-- (?P<mark>[a-z]+)(?:: (?P<value>[^\n]*?))? -->\n)?^```(?P<language>[^\n`]*)\n(?P<text>.*?)^```$",
-    re.MULTILINE | re.DOTALL,
-)
+_PARSER = MarkdownIt("commonmark").enable("table")
+_MARK = re.compile(r"\s*<!-- (?P<mark>[a-z]+)(?:: (?P<value>.*?))? -->")
+MARKS = ("output", "file", "long", "background", "elsewhere", "shown")
 _NUMBER = re.compile(r"[-+]?\d+(?:\.(\d+))?(?:e[-+]?\d+)?")
 
 
@@ -79,24 +87,35 @@ class Block:
 
 
 def blocks_of(page: Path) -> list[Block]:
-    """Return the blocks of a page in order.
+    """Return the blocks of a page in order, and what prepares for them.
 
     Raises:
-        BlockError: a block without a known language.
+        BlockError: a block without a known language, or one that has to say what it is and does not.
     """
     source = page.read_text(encoding="utf-8")
+    lines = source.splitlines()
     found = []
-    for one in _BLOCK.finditer(source):
-        line = source.count("\n", 0, one.start("text")) + 1
-        block = Block(page, line, one["language"], one["text"], one["mark"] or "", one["value"] or "")
-        if block.language.startswith("{"):  # a directive of the site
-            continue
-        if block.language not in LANGUAGES:
-            raise BlockError(f"{block.place}: expected one of {', '.join(LANGUAGES)}, found '{block.language}'")
-        if block.language in {"yaml", "text"} and not block.mark:
-            raise BlockError(f"{block.place}: expected a comment above that says what it is, found none")
-        found.append(block)
-    return found
+    for at, line in enumerate(lines):
+        mark = _MARK.fullmatch(line)
+        if mark and mark["mark"] == "hidden":
+            found.append(Block(page, at + 1, "sh", mark["value"], "hidden"))
+    for token in _PARSER.parse(source):
+        if token.type in {"fence", "code_block"} and not token.info.startswith("{"):  # {: a directive of the site
+            assert token.map is not None
+            mark = _MARK.fullmatch(lines[token.map[0] - 1]) if token.map[0] else None
+            name, value = (mark["mark"], mark["value"] or "") if mark and mark["mark"] in MARKS else ("", "")
+            found.append(_checked(Block(page, token.map[0] + 2, token.info.strip(), token.content, name, value)))
+    return sorted(found, key=lambda block: block.line)
+
+
+def _checked(block: Block) -> Block:
+    if block.language not in LANGUAGES:
+        raise BlockError(f"{block.place}: expected ``` and one of {', '.join(LANGUAGES)}, found '{block.language}'")
+    if block.language in {"yaml", "text"} and not block.mark:
+        raise BlockError(f"{block.place}: expected a comment above that says what it is, found none")
+    if block.mark in {"elsewhere", "shown"} and not block.value:
+        raise BlockError(f"{block.place}: expected a reason, <!-- {block.mark}: why -->, found none")
+    return block
 
 
 class Reader:
@@ -131,7 +150,7 @@ class Reader:
         return count
 
     def _do(self, block: Block) -> bool:
-        if block.mark == "elsewhere":
+        if block.mark in {"elsewhere", "shown"}:
             check_names(block)
             return False
         if block.mark in {"long", "background"} and not self._long:
@@ -237,13 +256,25 @@ def check_names(block: Block) -> None:
     Raises:
         BlockError: one does not.
     """
+    if block.mark == "shown":
+        return
     if block.language == "python":
         compile(block.text, block.place, "exec")
     elif block.language == "yaml":
         _raise(block, named.parameter_problem(yaml.safe_load(block.text)))
     elif block.language == "sh":
-        for line in block.text.replace("\\\n", " ").splitlines():
-            _raise(block, named.problem_of(shlex.split(line, comments=True)))
+        for words in shell_lines.commands_of(block.text):
+            _raise(block, named.problem_of(words))
+
+
+def text_problems(page: Path) -> Iterator[str]:
+    """Yield what is wrong with code in the running text of a page: commands, modules and files that are not there."""
+    for token in _PARSER.parse(page.read_text(encoding="utf-8")):
+        for child in token.children or []:
+            problem = named.text_problem(child.content) if child.type == "code_inline" else ""
+            if problem:
+                assert token.map is not None
+                yield f"{page.relative_to(ROOT)}:{token.map[0] + 1}: `{child.content}`: {problem}"
 
 
 def _raise(block: Block, problem: str) -> None:
@@ -251,8 +282,22 @@ def _raise(block: Block, problem: str) -> None:
         raise BlockError(f"{block.place}: {problem}")
 
 
-def pages() -> Iterator[Path]:
-    """Yield the pages whose blocks are run: front page, tutorials and how-to guides."""
-    yield ROOT / "docs/index.md"
-    for folder in ("tutorials", "how-to"):
-        yield from sorted((ROOT / "docs" / folder).glob("*.md"))
+def pages() -> list[Path]:
+    """Return every page of the repository."""
+    return links.pages()
+
+
+def main() -> int:
+    """Print how many blocks are run, and why the others are not."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    blocks = [block for page in pages() for block in blocks_of(page) if block.mark != "hidden"]
+    counts = collections.Counter(block.mark or "run" for block in blocks)
+    print(", ".join(f"{count} {kind}" for kind, count in counts.most_common()))
+    for block in blocks:
+        if block.mark in {"elsewhere", "shown"}:
+            print(f"{block.place}: {block.mark}: {block.value}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -86,6 +86,11 @@ def _flat(tokens: list[Token]) -> Iterator[Token]:
         yield from _flat(token.children or [])
 
 
+def is_written_by_build(file: Path) -> bool:
+    """Return whether `make site` writes a page, which is there on the site and nowhere else."""
+    return file.suffix == ".md" and str(file.with_suffix("")).removeprefix(f"{GENERATED}/") in GENERATED_PAGES
+
+
 def problems_of(page: Path, known: dict[Path, set[str]]) -> Iterator[Problem]:
     """Yield what is wrong with the links of a page."""
     for line, target in links(page):
@@ -93,6 +98,8 @@ def problems_of(page: Path, known: dict[Path, set[str]]) -> Iterator[Problem]:
             continue
         path, _, fragment = target.partition("#")
         file = (page.parent / path).resolve() if path else page
+        if is_written_by_build(file):
+            continue
         is_on_site = page.is_relative_to(ROOT / "docs")  # where Sphinx finds no folder
         if not file.is_relative_to(ROOT) or not (file.is_file() if is_on_site else file.exists()):
             yield Problem(page, line, f"expected a file at {target}, found none")

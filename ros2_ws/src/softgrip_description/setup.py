@@ -10,5 +10,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/rviz", ["rviz/hand.rviz"]),
+        (f"share/{PACKAGE}/schema", [f"{PACKAGE}/data/{name}.schema.json" for name in ("cell", "hand")]),
+        (f"share/{PACKAGE}/urdf", [f"urdf/{name}.urdf.xacro" for name in ("hand", "power", "pinch", "hook")]),
     ],
 )

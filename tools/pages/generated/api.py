@@ -55,6 +55,29 @@ PAGES = {
         ),
     ),
     "bag": ("softgrip_bag", "Bags and archives.", ("", ".reader", ".archive", ".mcap_file", ".definition")),
+    "panel": (
+        "softgrip_panel",
+        "What the operator's page shows and what a click means, without ROS and HTTP; who may.",
+        ("", ".model.state", ".model.desk", ".model.work", ".model.grasps", ".model.alarms", ".model.roles"),
+    ),
+    "emulator": (
+        "softgrip_emulator",
+        "The emulated cell: its hardware on wires, faults, what is true of its fingers and its rig.",
+        ("", ".cell", ".faults", ".plant.truth", ".rig"),
+    ),
+    "security": (
+        "softgrip_security",
+        "Who may do what, and the keys that prove who is who.",
+        ("", ".policy", ".certificates", ".keystore", ".zenoh_access", ".sros2"),
+    ),
+    "gym": ("softgrip_gym", "Gymnasium environments of the emulated cell, and policies in the live one.", ("",)),
+    "sweep": ("softgrip_sweep", "Many tasks at once, by processes or by Dask.", ("", ".intervals")),
+    "testing": (
+        "softgrip_testing",
+        "For tests and benchmarks: the virtual cell, waiting, clocks, pictures of known truth.",
+        ("", ".virtual_cell", ".virtual_grasps", ".virtual_rig", ".waiting", ".manual_clock", ".synthetic_images"),
+    ),
+    "demo": ("softgrip_demo", "One shift: its summary beside Table 4.2.", ("", ".summary", ".table42")),
     "driver": ("softgrip_driver", "Drives and their faults.", ("", ".faults", ".tendon.backend", ".tendon.limits")),
     "time": ("softgrip_time", "Time that code is given.", ("",)),
     "nodekit": ("softgrip_nodekit", "What every node shares.", ("",)),
@@ -82,6 +105,11 @@ def _page(package: str, _use: str, modules: tuple[str, ...]) -> str:
             parts.append(f"## {name}\n")
         listed = getattr(importlib.import_module(name), "__all__", ())
         members = f":members: {', '.join(listed)}\n" if listed else ""
+        overview = "".join(f"   ~{name}.{one}\n" for one in listed if one[0].isalpha())
+        if overview:
+            parts.append(
+                f"```{{eval-rst}}\n.. currentmodule:: None\n\n.. autosummary::\n   :nosignatures:\n\n{overview}```\n"
+            )
         parts.append(f"```{{eval-rst}}\n.. automodule:: {name}\n{_indented(members)}```\n")
     return "\n".join(parts)
 

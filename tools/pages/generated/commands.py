@@ -5,12 +5,16 @@ from __future__ import annotations
 
 import configparser
 import contextlib
+import functools
 import importlib
+import importlib.util
 import io
 import os
 import re
 import sys
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import yaml
@@ -50,16 +54,21 @@ def targets() -> Iterator[tuple[str, str]]:
 
 def launch_arguments() -> dict[str, list[tuple[str, str, str]]]:
     """Return launch file -> its arguments."""
-    found = {}
-    for path in sorted((WORKSPACE / "softgrip_bringup/launch").glob("*.launch.yaml")):
-        actions = yaml.safe_load(path.read_text(encoding="utf-8"))["launch"]
-        given = [action["arg"] for action in actions if "arg" in action]
-        found[path.name] = [
-            (code(one["name"]), code(one.get("default", "")), one.get("description", "")) for one in given
+    return {
+        path.name: [
+            (code(one["name"]), code(one.get("default", "")), one.get("description", "")) for one in arguments_of(path)
         ]
-    return found
+        for path in sorted((WORKSPACE / "softgrip_bringup/launch").glob("*.launch.yaml"))
+    }
 
 
+def arguments_of(launch_file: Path) -> list[dict[str, Any]]:
+    """Return the arguments that a launch file declares, as it declares them."""
+    actions = yaml.safe_load(launch_file.read_text(encoding="utf-8"))["launch"]
+    return [action["arg"] for action in actions if "arg" in action]
+
+
+@functools.cache
 def executables() -> dict[str, dict[str, str]]:
     """Return package -> executable -> module, of those that the packages install."""
     found: dict[str, dict[str, str]] = {}
@@ -75,7 +84,12 @@ def executables() -> dict[str, dict[str, str]]:
 
 def is_node(module: str) -> bool:
     """Return whether an executable is a node that takes parameters instead of options."""
-    return ".nodes." in module and ".commands." not in module and not module.endswith("controller_client")
+    if ".nodes." not in module or ".commands." in module:
+        return False
+    spec = importlib.util.find_spec(module)
+    assert spec is not None
+    assert spec.origin is not None
+    return "ArgumentParser(" not in Path(spec.origin).read_text(encoding="utf-8")
 
 
 def help_of(name: str, module: str) -> str:

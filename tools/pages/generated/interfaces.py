@@ -7,6 +7,7 @@ Who makes what is read from the source of the nodes; the meaning is the table of
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -39,6 +40,7 @@ class Endpoint:
     qos: set[str] = field(default_factory=set)
 
 
+@functools.cache
 def endpoints() -> dict[tuple[str, str], Endpoint]:
     """Return what the nodes make under a name that stands in their source, by kind and name."""
     found: dict[tuple[str, str], Endpoint] = {}
@@ -81,7 +83,7 @@ def meanings() -> dict[str, str]:
     found = {}
     for names, _, meaning in re.findall(r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \|$", text, re.MULTILINE):
         for name in names.split(","):
-            found[name.strip()] = re.sub(r"\]\(([a-z_]+\.md)\)", r"](../../\1)", meaning.strip())
+            found[name.strip()] = re.sub(r"\]\(([a-z_]+\.md)", r"](../../\1", meaning.strip())
     return found
 
 

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import cv2
 import numpy as np
 import pyarrow as pa
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -26,6 +25,8 @@ from pyarrow import parquet
 from softgrip_bag.episode import Episode
 from softgrip_bag.errors import BagError
 from softgrip_time.units import to_s
+from softgrip_vision.encoded_image import decode
+from softgrip_vision.errors import FrameError
 
 VERSION: Final = "v3.0"
 IMAGE: Final = "observation.images.camera"
@@ -189,10 +190,10 @@ def _image_feature(image: bytes) -> dict[str, Any]:
 
 
 def _decoded(image: bytes) -> NDArray[np.uint8]:
-    found = cv2.imdecode(np.frombuffer(image, np.uint8), cv2.IMREAD_COLOR)
-    if found is None:
-        raise BagError("camera/image_raw/compressed: expected JPEG or PNG, found bytes that are neither")
-    return np.asarray(found[:, :, ::-1])
+    try:
+        return np.asarray(decode(image)[:, :, ::-1])
+    except FrameError as error:
+        raise BagError(f"camera/image_raw/compressed: {error}") from error
 
 
 def _stats(columns: Mapping[str, _Column], images: Sequence[bytes]) -> Stats:

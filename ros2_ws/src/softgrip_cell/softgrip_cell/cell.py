@@ -256,7 +256,7 @@ class Cell:
         """Notice that the fingers were opened, by samples in a row that say so: whatever was held is gone."""
         if not self.may_hold:
             self._open_run.forget()
-        elif self._open_run.observe(all(pulled <= open_m for pulled in sample.pulled_m)):
+        elif self._open_run.observe(all(pulled <= open_m for pulled in sample.pulled_length_m)):
             self._busy, self._product, self._note = None, "", ""
 
     def state(self) -> dict[str, Any]:

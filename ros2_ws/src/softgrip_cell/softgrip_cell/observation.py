@@ -27,7 +27,7 @@ class TendonSample:
     """One tendon/state: pulled length [m] (+ closes) and tension [N] of every slot."""
 
     stamp_ns: int
-    pulled_m: tuple[float, ...]
+    pulled_length_m: tuple[float, ...]
     tension_n: tuple[float, ...]
 
 
@@ -45,7 +45,7 @@ class FreeMotion:
     """
 
     stamp_ns: int
-    pulled_m: tuple[float, ...]
+    pulled_length_m: tuple[float, ...]
     tension_n: tuple[float, ...]
     tip_m: tuple[tuple[float, float], ...]
     friction_model: str = ""

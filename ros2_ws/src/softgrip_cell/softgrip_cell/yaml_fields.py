@@ -15,6 +15,7 @@ from softgrip_cell.errors import CatalogueError
 #: former -> present name of fields and of kinds of files
 PRESENT_NAMES = {
     "hold_excess_n": "hold_contact_tension_n",
+    "pulled_m": "pulled_length_m",
     "softgrip_passports": "softgrip_finger_records",
 }
 

@@ -32,15 +32,15 @@ _DATABASES = itertools.count()
 PERIOD_NS = 5_000_000  # 200 Hz
 
 
-def free_tension(pulled_m: float) -> float:
+def free_tension(pulled_length_m: float) -> float:
     """A finger like a spring with some friction: 0.8 N/mm and a little more than linear."""
-    mm = pulled_m * 1e3
+    mm = pulled_length_m * 1e3
     return 0.4 * mm + 0.02 * mm * mm
 
 
-def tip(pulled_m: float) -> tuple[float, float]:
+def tip(pulled_length_m: float) -> tuple[float, float]:
     """A tip on a circle of 60 mm whose angle grows by 80 degrees per 20 mm: 4.19 m of path per m pulled."""
-    angle = math.radians(4.0e3 * pulled_m)
+    angle = math.radians(4.0e3 * pulled_length_m)
     return (0.060 * math.cos(angle), -0.060 * math.sin(angle))
 
 
@@ -66,7 +66,7 @@ class Bench:
     drive_n: Callable[[float], float] = lambda _: 0.0
     seed: int = 1
     broken: frozenset[int] = frozenset()
-    pulled_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    pulled_length_m: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     now_ns: int = 1_000_000_000
 
     def __post_init__(self) -> None:
@@ -83,7 +83,7 @@ class Bench:
         for command in step.commands:
             self.commands.append(command)
             if isinstance(command, Open):
-                self.pulled_m = [0.0, 0.0, 0.0]
+                self.pulled_length_m = [0.0, 0.0, 0.0]
                 self._goal = Close((), (), 0.0, 0.0)
                 self._tension_n.clear()
             elif isinstance(command, Close):
@@ -103,7 +103,7 @@ class Bench:
                     self._held_ns = self._held_ns or self.now_ns
 
     def _true_tension_n(self, slot: int, held_s: float) -> float:
-        pulled = self.pulled_m[slot]
+        pulled = self.pulled_length_m[slot]
         contact_tension_n = max(0.0, pulled - self.contact_m[slot]) * self.stiffness_n_per_m * self.grip(held_s)
         return max(0.0, self.gain * free_tension(pulled) - self.creep_n) + contact_tension_n
 
@@ -116,28 +116,28 @@ class Bench:
         self.now_ns += period_ns
         for slot, target_m in zip(self._goal.slots, self._goal.targets_m, strict=True):
             travel = self._goal.speed_m_per_s * period_ns * 1e-9
-            self.pulled_m[slot] = min(target_m, self.pulled_m[slot] + travel)
+            self.pulled_length_m[slot] = min(target_m, self.pulled_length_m[slot] + travel)
         held_s = 0.0 if self._held_ns is None else (self.now_ns - self._held_ns) * 1e-9
         for slot, requested_n in self._tension_n.items():
             for _ in range(period_ns // PERIOD_NS):
-                if self._true_tension_n(slot, held_s) < requested_n and self.pulled_m[slot] < 0.035:
-                    self.pulled_m[slot] += self._press_speed * PERIOD_NS * 1e-9
+                if self._true_tension_n(slot, held_s) < requested_n and self.pulled_length_m[slot] < 0.035:
+                    self.pulled_length_m[slot] += self._press_speed * PERIOD_NS * 1e-9
         tensions = []
-        for slot, pulled in enumerate(self.pulled_m):
+        for slot, pulled in enumerate(self.pulled_length_m):
             true_n = self._true_tension_n(slot, held_s)
             self.peak_contact_tension_n = max(self.peak_contact_tension_n, true_n - self.gain * free_tension(pulled))
             shown_n = true_n + self.drive_n(pulled) + self._rng.gauss(0.0, self.noise_n)
             tensions.append(0.0 if slot in self.broken else shown_n)
-        sample = TendonSample(self.now_ns, tuple(self.pulled_m), tuple(tensions))
+        sample = TendonSample(self.now_ns, tuple(self.pulled_length_m), tuple(tensions))
         return ObservedPair(sample, predict(sample))
 
 
 def predict(sample: TendonSample) -> FreeMotion:
     return FreeMotion(
         stamp_ns=sample.stamp_ns,
-        pulled_m=sample.pulled_m,
-        tension_n=tuple(free_tension(pulled) for pulled in sample.pulled_m),
-        tip_m=tuple(tip(pulled) for pulled in sample.pulled_m),
+        pulled_length_m=sample.pulled_length_m,
+        tension_n=tuple(free_tension(pulled) for pulled in sample.pulled_length_m),
+        tip_m=tuple(tip(pulled) for pulled in sample.pulled_length_m),
         friction_model="synthetic",
     )
 
@@ -145,7 +145,7 @@ def predict(sample: TendonSample) -> FreeMotion:
 def reference(gain: float = 1.12, noise_n: float = 0.08) -> FreeReference:
     rows = tuple(i * 1e-3 for i in range(21))
     return FreeReference(
-        pulled_m=rows,
+        pulled_length_m=rows,
         offset_n=tuple((gain - 1.0) * free_tension(row) for row in rows),
         tension_n=tuple(gain * free_tension(row) for row in rows),
         stddev_n=noise_n,
@@ -158,11 +158,11 @@ def contact() -> Callable[..., FingerContact]:
     """Make a finger's contact: 8 mm pulled, 5 N of free motion, 2 N beside it, short of its end."""
 
     def make(
-        pulled_m: float = 0.008, free_n: float = 5.0, contact_tension_n: float = 2.0, *, is_short: bool = True
+        pulled_length_m: float = 0.008, free_n: float = 5.0, contact_tension_n: float = 2.0, *, is_short: bool = True
     ) -> FingerContact:
         return FingerContact(
             state=ContactState.BLOCKED if is_short else ContactState.CONTACT,
-            pulled_m=pulled_m,
+            pulled_length_m=pulled_length_m,
             tension_n=free_n + contact_tension_n,
             free_n=free_n,
             contact_tension_n=contact_tension_n,

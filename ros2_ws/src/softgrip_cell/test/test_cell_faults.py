@@ -74,8 +74,8 @@ def disk(tmp_path: Path) -> Iterator[Disk]:
     made.database.close()
 
 
-def sample(pulled_m: tuple[float, ...]) -> TendonSample:
-    return TendonSample(1, pulled_m, (0.0, 0.0, 0.0))
+def sample(pulled_length_m: tuple[float, ...]) -> TendonSample:
+    return TendonSample(1, pulled_length_m, (0.0, 0.0, 0.0))
 
 
 def holding(cell: Cell) -> GraspTask:

@@ -112,7 +112,7 @@ def test_the_strength_is_what_no_reading_of_a_decision_lacks() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pulled_m", "contact_n", "state"),
+    ("pulled_length_m", "contact_n", "state"),
     [
         (0.002, 5.0, ContactState.UNKNOWN),
         (0.010, 0.0, ContactState.FREE),
@@ -124,7 +124,7 @@ def test_the_strength_is_what_no_reading_of_a_decision_lacks() -> None:
     ],
 )
 def test_where_a_finger_is_and_what_it_feels_make_its_state(
-    task, bench, pulled_m: float, contact_n: float, state: ContactState
+    task, bench, pulled_length_m: float, contact_n: float, state: ContactState
 ) -> None:
     """The path ends at 20 mm; nearer to it than 0.8 mm a finger's own stops may hold it."""
     references = task("orange").references
@@ -132,12 +132,12 @@ def test_where_a_finger_is_and_what_it_feels_make_its_state(
     made = bench()
     for _ in range(4):
         pair = made.pair()
-        tension_n = references[0].tension(pulled_m)
-        predicted_n = tension_n - references[0].offset(pulled_m)
+        tension_n = references[0].tension(pulled_length_m)
+        predicted_n = tension_n - references[0].offset(pulled_length_m)
         pair = replace(
             pair,
-            sample=replace(pair.sample, pulled_m=(pulled_m,) * 3, tension_n=(tension_n + contact_n,) * 3),
-            free=replace(pair.free, pulled_m=(pulled_m,) * 3, tension_n=(predicted_n,) * 3),
+            sample=replace(pair.sample, pulled_length_m=(pulled_length_m,) * 3, tension_n=(tension_n + contact_n,) * 3),
+            free=replace(pair.free, pulled_length_m=(pulled_length_m,) * 3, tension_n=(predicted_n,) * 3),
         )
         contacts = estimator.estimate(pair, commanded=(0, 1, 2))
     assert [contact.state for contact in contacts] == [state] * 3
@@ -193,12 +193,12 @@ def test_what_a_closing_begins_with_is_taken_for_creep_within_bounds_only(first_
 
 def deviation_after(intervals_ms: Sequence[float], speed_m_per_s: float = 0.01) -> list[float]:
     """Standard deviation that the late drive adds after each interval [N]."""
-    late, found, now_ns, pulled_m = LateDrive(SETTINGS), [], 0, 0.0
-    late.observe(now_ns, (pulled_m,))
+    late, found, now_ns, pulled_length_m = LateDrive(SETTINGS), [], 0, 0.0
+    late.observe(now_ns, (pulled_length_m,))
     for interval_ms in intervals_ms:
         now_ns += round(interval_ms * 1e6)
-        pulled_m += speed_m_per_s * interval_ms * 1e-3
-        late.observe(now_ns, (pulled_m,))
+        pulled_length_m += speed_m_per_s * interval_ms * 1e-3
+        late.observe(now_ns, (pulled_length_m,))
         found.append(late.stddev_n[0])
     return found
 
@@ -219,8 +219,8 @@ def test_a_punctual_drive_or_one_that_stands_is_as_certain_as_ever() -> None:
 def surge(*from_m: float) -> Callable[[float], float]:
     """Tension [N] that a late drive shows beside its tendon's, by pulled length: a surge that dies in 0.2 mm."""
 
-    def beside_n(pulled_m: float) -> float:
-        behind_m = min((pulled_m - each for each in from_m if pulled_m >= each), default=math.inf)
+    def beside_n(pulled_length_m: float) -> float:
+        behind_m = min((pulled_length_m - each for each in from_m if pulled_length_m >= each), default=math.inf)
         return 0.9 * math.exp(-behind_m / 0.0002)
 
     return beside_n
@@ -234,12 +234,12 @@ def test_the_surge_of_a_late_drive_presses_on_nothing_where_its_stamps_show_it(t
     made.obey(sequence.start())
     late = list(from_m)
     touched = False
-    while made.pulled_m[0] < 0.0125:
-        if is_shown and late and made.pulled_m[0] + 0.0001 >= late[0]:
+    while made.pulled_length_m[0] < 0.0125:
+        if is_shown and late and made.pulled_length_m[0] + 0.0001 >= late[0]:
             late.pop(0)
             speed = made._goal.speed_m_per_s
             made.now_ns += round(0.0002 / speed * 1e9)
-            made.pulled_m = [pulled + 0.0002 for pulled in made.pulled_m]
+            made.pulled_length_m = [pulled + 0.0002 for pulled in made.pulled_length_m]
         step = sequence.observe(made.pair())
         made.obey(step)
         touched = touched or step.contact
@@ -267,6 +267,6 @@ def test_a_contact_is_pressed_not_before_it_is_there(run, task, bench, seed: int
     made = bench(contact_m=(0.008,) * 3, noise_n=0.04, seed=seed)
     for step in run(GraspSequence(task("orange"), SETTINGS), made):
         if any(isinstance(command, Press) for command in step.commands):
-            assert min(made.pulled_m) >= 0.008
+            assert min(made.pulled_length_m) >= 0.008
     assert step.verdict is not None
     assert step.verdict.outcome is GraspOutcome.GRIPPED

@@ -34,7 +34,7 @@ def test_columns_are_put_into_slot_order() -> None:
     sample = tendon_sample(message(), SLOTS)
     assert sample is not None
     assert sample.stamp_ns == 3_000_000_007
-    assert (sample.pulled_m, sample.tension_n) == ((0.001, 0.002, 0.003), (1.0, 2.0, 3.0))
+    assert (sample.pulled_length_m, sample.tension_n) == ((0.001, 0.002, 0.003), (1.0, 2.0, 3.0))
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])

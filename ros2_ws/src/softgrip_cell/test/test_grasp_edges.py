@@ -68,7 +68,7 @@ def test_fingers_that_follow_what_creeps_away_have_not_gripped_it_yet(task, benc
             lifted_ns = lifted_ns or made.now_ns
             if 0.85 < (made.now_ns - lifted_ns) / SECOND < 1.05:
                 made.contact_m = tuple(contact + 0.008 * 0.005 for contact in made.contact_m)
-                made.pulled_m = [pulled + 0.008 * 0.005 for pulled in made.pulled_m]
+                made.pulled_length_m = [pulled + 0.008 * 0.005 for pulled in made.pulled_length_m]
     assert step.verdict.outcome is GraspOutcome.GRIPPED
     assert (made.now_ns - lifted_ns) / SECOND > 1.15
 
@@ -78,17 +78,17 @@ def test_what_was_touched_and_gets_away_before_it_is_enclosed_was_there(task, be
     made, full = bench(contact_m=(0.0094, math.inf, 0.0094), stiffness_n_per_m=8000.0), task("orange")
     short = replace(
         full.references[0],
-        pulled_m=full.references[0].pulled_m[:11],
+        pulled_length_m=full.references[0].pulled_length_m[:11],
         offset_n=full.references[0].offset_n[:11],
         tension_n=full.references[0].tension_n[:11],
     )
     sequence = GraspSequence(replace(full, references=(short, full.references[1], short)), SETTINGS)
     step = sequence.start()
     made.obey(step)
-    while step.verdict is None and made.pulled_m[1] < 0.019:
+    while step.verdict is None and made.pulled_length_m[1] < 0.019:
         step = sequence.observe(made.pair())
         made.obey(step)
-        if made.pulled_m[1] > 0.013:
+        if made.pulled_length_m[1] > 0.013:
             made.contact_m = (math.inf,) * 3
     assert step.verdict is not None
     assert step.verdict.outcome is GraspOutcome.SLIPPED
@@ -107,10 +107,10 @@ def test_a_prediction_that_says_not_to_be_trusted_ends_the_grasp(task, bench) ->
 def test_the_hand_closes_only_when_all_its_fingers_are_open(task, bench) -> None:
     sequence, made = GraspSequence(task("orange"), SETTINGS), bench()
     sequence.start()
-    for pulled_m in ((0.0, 0.0, 0.004), (0.0, 0.004, 0.0), (0.004, 0.0, 0.0)):
-        step = sequence.observe(with_sample(made.pair(), pulled_m=pulled_m))
+    for pulled_length_m in ((0.0, 0.0, 0.004), (0.0, 0.004, 0.0), (0.004, 0.0, 0.0)):
+        step = sequence.observe(with_sample(made.pair(), pulled_length_m=pulled_length_m))
         assert (step.phase, step.commands) == (GraspPhase.APPROACH, ())
-    step = sequence.observe(with_sample(made.pair(), pulled_m=(0.001,) * 3))
+    step = sequence.observe(with_sample(made.pair(), pulled_length_m=(0.001,) * 3))
     assert step.phase is GraspPhase.CLOSE
     assert isinstance(step.commands[0], Close)
 
@@ -129,7 +129,7 @@ def test_a_hand_that_does_not_open_ends_the_grasp_in_twice_its_path_and_two_seco
     sequence, made = GraspSequence(task("orange"), SETTINGS), bench()
     recipe = task("orange").recipe
     sequence.start()
-    seconds, reason = time_until_aborted(sequence, made, pulled_m=(0.010,) * 3)
+    seconds, reason = time_until_aborted(sequence, made, pulled_length_m=(0.010,) * 3)
     assert seconds == pytest.approx(2.0 + 2.0 * recipe.pull_limit_m / recipe.closing_speed_m_per_s, abs=0.02)
     assert "the fingers do not open" in reason
 
@@ -140,9 +140,9 @@ def test_a_hand_that_never_comes_to_an_end_ends_the_grasp(task, bench) -> None:
     for number in range(20_000):
         pulled = 0.006 + 0.001 * (number // 20 % 2)
         pair = with_sample(
-            made.pair(), pulled_m=(pulled,) * 3, tension_n=(1.12 * (400 * pulled + 2e4 * pulled**2),) * 3
+            made.pair(), pulled_length_m=(pulled,) * 3, tension_n=(1.12 * (400 * pulled + 2e4 * pulled**2),) * 3
         )
-        pair = with_free(pair, pulled_m=(pulled,) * 3, tension_n=(400 * pulled + 2e4 * pulled**2,) * 3)
+        pair = with_free(pair, pulled_length_m=(pulled,) * 3, tension_n=(400 * pulled + 2e4 * pulled**2,) * 3)
         step = sequence.observe(pair)
         if step.verdict is not None:
             break
@@ -189,7 +189,7 @@ def test_three_single_samples_of_a_slack_tendon_are_no_broken_one(task, bench) -
 def test_a_tendon_has_to_pull_nothing_for_a_fifth_of_a_second(task, bench, gone_s: float, broken: bool) -> None:
     sequence, made = closing(task, bench)
     made.contact_m = (math.inf,) * 3
-    while made.pulled_m[0] < 0.011:
+    while made.pulled_length_m[0] < 0.011:
         made.obey(sequence.observe(made.pair()))
     for _ in range(round(gone_s / 0.005)):
         pair = made.pair()
@@ -256,7 +256,7 @@ def test_a_touch_without_the_holding_force_is_no_grip(task, contact) -> None:
 
 def test_a_prediction_that_is_no_number_leaves_the_reference_of_the_check(task, bench) -> None:
     references = task("orange").references
-    pair = with_sample(bench().pair(), pulled_m=(0.010,) * 3, tension_n=(20.0,) * 3)
+    pair = with_sample(bench().pair(), pulled_length_m=(0.010,) * 3, tension_n=(20.0,) * 3)
     estimator = ContactEstimator(("index", "middle", "thumb"), references, (0.020,) * 3, SETTINGS)
     found = estimator.estimate(with_free(pair, tension_n=(math.nan,) * 3))
     assert all(math.isfinite(one.contact_tension_n) and one.is_at_threshold for one in found)
@@ -267,7 +267,7 @@ def test_excess_and_force_limits_are_each_other_s_inverse(task, bench) -> None:
     """Whatever the lever is: a force of F needs an excess of which the reading says that it can mean F."""
     made = task("orange")
     estimator = ContactEstimator(made.slots, made.references, made.paths_m, SETTINGS)
-    pair = with_sample(bench().pair(), pulled_m=(0.010,) * 3)
+    pair = with_sample(bench().pair(), pulled_length_m=(0.010,) * 3)
     for number, force_n in enumerate((1.0, 6.0)):
         pair = with_sample(pair, stamp_ns=(2 * number + 1) * SECOND)
         contact_tension_n = estimator.contact_tension_limit_n(0, force_n)

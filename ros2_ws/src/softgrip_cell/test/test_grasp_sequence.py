@@ -99,25 +99,25 @@ def test_a_finger_that_presses_hard_enough_stops_alone_while_the_others_go_on(ru
     assert steps[-1].verdict.outcome is GraspOutcome.GRIPPED
     recipe = task("egg").recipe
     reached_m = 0.004 + recipe.hold_contact_tension_n / 4000.0
-    assert made.pulled_m[0] == pytest.approx(reached_m, abs=6 * recipe.closing_speed_m_per_s * 0.005)
-    assert made.pulled_m[2] > 0.010
+    assert made.pulled_length_m[0] == pytest.approx(reached_m, abs=6 * recipe.closing_speed_m_per_s * 0.005)
+    assert made.pulled_length_m[2] > 0.010
 
 
 def test_decision_comes_within_100_ms_of_standing_and_pressing(run, task, bench) -> None:
     made = bench(contact_m=EVERYWHERE, noise_n=0.08)
     hold_n = task("orange").recipe.hold_contact_tension_n
     pressed_ns = moved_ns = 0
-    before = list(made.pulled_m)
+    before = list(made.pulled_length_m)
     verdict = None
     for step in run(GraspSequence(task("orange"), SETTINGS), made):
         verdict = step.verdict
         contact_tension_n = [
-            max(0.0, p - c) * made.stiffness_n_per_m for p, c in zip(made.pulled_m, EVERYWHERE, strict=True)
+            max(0.0, p - c) * made.stiffness_n_per_m for p, c in zip(made.pulled_length_m, EVERYWHERE, strict=True)
         ]
         if min(contact_tension_n[2], max(contact_tension_n[:2])) >= 0.8 * hold_n:
             pressed_ns = pressed_ns or made.now_ns
-        moved_ns = made.now_ns if made.pulled_m != before else moved_ns
-        before = list(made.pulled_m)
+        moved_ns = made.now_ns if made.pulled_length_m != before else moved_ns
+        before = list(made.pulled_length_m)
     assert verdict is not None
     assert verdict.outcome is GraspOutcome.GRIPPED
     assert pressed_ns > 0
@@ -131,7 +131,9 @@ def test_what_creep_takes_from_the_tension_is_not_taken_from_a_touch(run, task, 
     Five sigma of the bench's noise are 0.42 N, reached after 0.84 mm; the rest is the model's error and two readings.
     """
     made = bench(contact_m=(0.008,) * 3, stiffness_n_per_m=500.0, creep_n=0.8)
-    touched_m = next(min(made.pulled_m) for step in run(GraspSequence(task("orange"), SETTINGS), made) if step.contact)
+    touched_m = next(
+        min(made.pulled_length_m) for step in run(GraspSequence(task("orange"), SETTINGS), made) if step.contact
+    )
     assert 0.008 < touched_m < 0.0091
 
 
@@ -204,7 +206,7 @@ def test_beyond_the_checked_path_a_fingertip_has_to_be_seen_twice_as_far_off(
     references = task().references
     tips = TipTest(("index", "middle", "thumb"), references, SETTINGS)
     pair = bench().pair()
-    pair = replace(pair, sample=replace(pair.sample, pulled_m=(references[0].reach_m + beyond_m,) * 3))
+    pair = replace(pair, sample=replace(pair.sample, pulled_length_m=(references[0].reach_m + beyond_m,) * 3))
     tips.predict(pair)
     tips.observe(seen(pair, off_m))
     assert tips.deflected(pair.sample.stamp_ns) == ({0} if is_deflected else frozenset())
@@ -244,7 +246,7 @@ def test_an_object_that_pops_out_while_closing_is_slipped(run, task, bench) -> N
     made = bench(contact_m=EVERYWHERE, stiffness_n_per_m=1000.0)
     sequence = GraspSequence(task("orange"), SETTINGS)
     for step in run(sequence, made):
-        if step.contact and min(made.pulled_m) > 0.011:
+        if step.contact and min(made.pulled_length_m) > 0.011:
             made.contact_m = (math.inf,) * 3
     assert step.verdict is not None
     assert step.verdict.outcome is GraspOutcome.SLIPPED

@@ -41,7 +41,7 @@ class ScriptedTendons(Node):
 
     def __init__(self) -> None:
         super().__init__("scripted_tendons")
-        self.pulled_m = 0.0
+        self.pulled_length_m = 0.0
         self.blocked_at_m = 1.0
         self.speed_m_s = 0.0
         self.target_m: float | None = None
@@ -115,25 +115,25 @@ class ScriptedTendons(Node):
         return MoveTendon.Result(outcome=outcome)
 
     def _tick(self) -> None:
-        before = self.pulled_m
+        before = self.pulled_length_m
         if self.target_m is not None:
             step = self.speed_m_s * PERIOD_S
-            self.pulled_m += min(max(self.target_m - self.pulled_m, -step), step)
-            self.pulled_m = min(self.pulled_m, self.blocked_at_m)
+            self.pulled_length_m += min(max(self.target_m - self.pulled_length_m, -step), step)
+            self.pulled_length_m = min(self.pulled_length_m, self.blocked_at_m)
         if self._move is not None:
             handle, done = self._move
             if handle.is_cancel_requested:
                 self._end(done, MoveTendon.Result.CANCELLED)
                 self.target_m = None
-            elif self.pulled_m == self.target_m:
+            elif self.pulled_length_m == self.target_m:
                 self._end(done, MoveTendon.Result.REACHED)
-            elif self.pulled_m == self.blocked_at_m:
+            elif self.pulled_length_m == self.blocked_at_m:
                 self._end(done, MoveTendon.Result.TENSION_LIMIT)
         if self.quiet:
             return
-        velocity = (self.pulled_m - before) / PERIOD_S
+        velocity = (self.pulled_length_m - before) / PERIOD_S
         message = JointState(
-            name=list(SLOTS), position=[self.pulled_m] * 3, velocity=[velocity] * 3, effort=[3.0, 4.5, 2.0]
+            name=list(SLOTS), position=[self.pulled_length_m] * 3, velocity=[velocity] * 3, effort=[3.0, 4.5, 2.0]
         )
         message.header.stamp = self.get_clock().now().to_msg()
         self._state.publish(message)
@@ -249,9 +249,9 @@ def test_goals_end_as_those_of_parallel_gripper_controller(
 ) -> None:
     """The ten goals that are sent to the real controller on mock hardware, too."""
     bench = make(allow_stalling=str(setting is not MockSetting.STRICT).lower())
-    bench.tendons.pulled_m = opening.pulled_length_m(0.1)
+    bench.tendons.pulled_length_m = opening.pulled_length_m(0.1)
     if setting is not MockSetting.FREE:
-        bench.tendons.blocked_at_m = bench.tendons.pulled_m
+        bench.tendons.blocked_at_m = bench.tendons.pulled_length_m
 
     def standing_m() -> float:
         bench.states.clear()
@@ -328,18 +328,18 @@ def test_goals_out_of_range_are_rejected_and_the_reason_said(make: Callable[...,
 def test_a_cancelled_goal_stops_the_fingers_and_says_nothing_else(make: Callable[..., Bench], opening: Any) -> None:
     bench = make(max_velocity_m_s=0.01)
     handle = bench.send(0.040)
-    bench.until(lambda: bench.tendons.pulled_m > 0.0005)
+    bench.until(lambda: bench.tendons.pulled_length_m > 0.0005)
     bench.wait(handle.cancel_goal_async())
     status, result = bench.result(handle)
     assert (status, *flags(result), result.position) == (GoalStatus.STATUS_CANCELED, False, False, 0.0)
     bench.until(lambda: bench.tendons.target_m is None)
-    assert bench.tendons.pulled_m < opening.pulled_length_m(0.040)
+    assert bench.tendons.pulled_length_m < opening.pulled_length_m(0.040)
 
 
 def test_a_newer_goal_of_the_other_action_takes_over(make: Callable[..., Bench], opening: Any) -> None:
     bench = make(max_velocity_m_s=0.05)
     first = bench.send(0.040)
-    bench.until(lambda: bench.tendons.pulled_m > 0.0005)
+    bench.until(lambda: bench.tendons.pulled_length_m > 0.0005)
     second = bench.send_parallel([opening.max_m])
     status, result = bench.result(first)
     assert (status, *flags(result)) == (GoalStatus.STATUS_ABORTED, False, False)
@@ -349,7 +349,7 @@ def test_a_newer_goal_of_the_other_action_takes_over(make: Callable[..., Bench],
 def test_an_emergency_stop_ends_the_goal_and_refuses_the_next(make: Callable[..., Bench]) -> None:
     bench = make(max_velocity_m_s=0.01)
     handle = bench.send(0.040)
-    bench.until(lambda: bench.tendons.pulled_m > 0.0005)
+    bench.until(lambda: bench.tendons.pulled_length_m > 0.0005)
     bench.tendons.publish_safety(estop=True, estop_reason="scripted")
     status, result = bench.result(handle)
     assert (status, *flags(result)) == (GoalStatus.STATUS_ABORTED, False, False)
@@ -368,7 +368,7 @@ def test_hands_in_the_cell_refuse_every_goal(make: Callable[..., Bench]) -> None
 def test_silent_tendons_end_the_goal_and_refuse_the_next(make: Callable[..., Bench]) -> None:
     bench = make(max_velocity_m_s=0.01, silence_s=0.4)
     handle = bench.send(0.040)
-    bench.until(lambda: bench.tendons.pulled_m > 0.0005)
+    bench.until(lambda: bench.tendons.pulled_length_m > 0.0005)
     bench.tendons.quiet = True
     assert bench.result(handle)[0] == GoalStatus.STATUS_ABORTED
     assert not bench.send(0.060).accepted
@@ -487,7 +487,7 @@ def test_a_controller_that_becomes_active_takes_the_hand_from_nobody(make: Calla
     bench = make()
     heard(bench, bench.states[-1].position[0])
     bench.until(lambda: not stream(bench, 0.060) and abs(bench.states[-1].position[0] - 0.060) < 0.0005)
-    bench.tendons.owner, bench.tendons.token, bench.tendons.pulled_m = "grasp_mix_manager", "theirs", 0.006
+    bench.tendons.owner, bench.tendons.token, bench.tendons.pulled_length_m = "grasp_mix_manager", "theirs", 0.006
     bench.tendons.target_m = None
     bench.gripper._lease.release()
     bench.tendons.publish_owners()
@@ -495,7 +495,7 @@ def test_a_controller_that_becomes_active_takes_the_hand_from_nobody(make: Calla
     held_m, orders = bench.states[-1].position[0], len(bench.tendons.orders)
     heard(bench, held_m)  # ros2_control was started again
     assert (bench.tendons.requested_by, len(bench.tendons.orders)) == ("", orders)
-    bench.tendons.pulled_m = 0.0  # the manager opens; the command stays
+    bench.tendons.pulled_length_m = 0.0  # the manager opens; the command stays
     heard(bench, held_m)
     assert (bench.tendons.requested_by, len(bench.tendons.orders)) == ("", orders)
     bench.until(lambda: not stream(bench, 0.050) and bench.tendons.requested_by == "gripper_command")
@@ -514,7 +514,7 @@ def test_what_is_commanded_during_an_action_goal_is_not_done_after_it(make: Call
     bench = make(max_velocity_m_s=0.02)
     heard(bench, bench.states[-1].position[0])
     handle = bench.send(0.090)
-    bench.until(lambda: bench.tendons.pulled_m > 0.0005)
+    bench.until(lambda: bench.tendons.pulled_length_m > 0.0005)
     heard(bench, 0.050)
     assert flags(bench.result(handle)[1]) == (True, False)
     heard(bench, 0.050)

@@ -30,7 +30,7 @@ class Instant:
     """The watched finger as predicted for one tendon state; ``tension`` [N] is the measured one of that state."""
 
     stamp: float
-    pulled_length: float
+    pulled_length_m: float
     angles: tuple[float, ...]
     tip: tuple[float, float]
     predicted_tension: float
@@ -55,7 +55,7 @@ def at_stamp(instants: Sequence[Instant], stamp: float) -> Instant | None:
 
 def _vector(instant: Instant) -> np.ndarray:
     forces = (instant.predicted_tension, instant.tension)
-    return np.array([instant.pulled_length, *forces, *instant.tip, *instant.tip_stddev, *instant.angles])
+    return np.array([instant.pulled_length_m, *forces, *instant.tip, *instant.tip_stddev, *instant.angles])
 
 
 def pair(measured: Sequence[MeasuredTip], instants: Sequence[Instant]) -> tuple[PairedSample, ...]:
@@ -68,7 +68,7 @@ def pair(measured: Sequence[MeasuredTip], instants: Sequence[Instant]) -> tuple[
             continue
         samples.append(
             PairedSample(
-                pulled_length=predicted.pulled_length,
+                pulled_length_m=predicted.pulled_length_m,
                 predicted_angles=predicted.angles,
                 measured_angles=frame.angles,
                 predicted_tip=predicted.tip,

@@ -38,7 +38,7 @@ def friction_figure(friction: FrictionResult) -> str:
 
 def joints_figure(closing: ShiftClosing) -> str:
     """Joint angles over pulled length: markers as dots, prediction as lines."""
-    pulled = np.array([s.pulled_length for s in closing.samples]) * MILLIMETRES
+    pulled = np.array([s.pulled_length_m for s in closing.samples]) * MILLIMETRES
     measured = np.array([s.measured_angles for s in closing.samples]) * DEGREES
     predicted = np.array([s.predicted_angles for s in closing.samples]) * DEGREES
     with mpl.rc_context(STYLE):

@@ -49,7 +49,7 @@ class PairedSample:
     """One camera frame of a closing beside the prediction at the same instant.
 
     Attributes:
-        pulled_length: [m].
+        pulled_length_m: [m].
         predicted_angles, measured_angles: [rad] base to tip.
         predicted_tip, measured_tip: [m] x, y in the finger's base frame.
         tension: [N] at the actuator, measured.
@@ -58,7 +58,7 @@ class PairedSample:
         measured_tip_stddev: likewise, of the camera.
     """
 
-    pulled_length: float
+    pulled_length_m: float
     predicted_angles: tuple[float, ...]
     measured_angles: tuple[float, ...]
     predicted_tip: tuple[float, float]
@@ -76,7 +76,7 @@ class ShapeView:
     hexahedra: int
     rate: float  # [Hz] shapes received per second of the closing
     converged: bool
-    pulled_length: float  # [m]
+    pulled_length_m: float  # [m]
     vertices: tuple[tuple[float, float, float], ...]  # [m]
     faces: tuple[tuple[int, int, int, int], ...]
 

@@ -263,7 +263,7 @@ def test_an_adapters_timer_is_looked_at_where_it_has_one() -> None:
     assert (figure.name, figure.found) == ("latency timer of the adapter", "16 ms")
 
 
-def test_a_reversed_or_unknown_spool_and_a_missing_port_are_named(bus: Bus, tmp_path: Path) -> None:
+def test_an_unknown_direction_and_a_missing_port_are_named(bus: Bus, tmp_path: Path) -> None:
     assert bus.cell.servos is not None
     row = replace(bus.cell.servos.chain[0], direction=None, slack_m=None)
     bench = replace(bus.bench, cell=replace(bus.cell, servos=replace(bus.cell.servos, chain=(row,))))
@@ -279,6 +279,7 @@ def test_the_fingers_are_let_go_after_the_zero(bus: Bus, monkeypatch: pytest.Mon
     """The camera's steps look for a straight finger next."""
     settled = {"index": SettledZero(0.030, 1e-4, 2), "thumb": SettledZero(0.020, 0.0, 2)}
     monkeypatch.setattr(Tensioner, "settle", lambda _: settled)
+    monkeypatch.setattr(bus_steps, "measure_direction", lambda servo, _: servo.direction)
     let_go: dict[str, float] = {}
     monkeypatch.setattr(bus_steps, "release", lambda _, goals, __: let_go.update(goals))
     assert wrong(ZeroStep(bus.bench)) == []

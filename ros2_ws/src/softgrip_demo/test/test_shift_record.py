@@ -112,7 +112,7 @@ def instant(stamp: float, pulled: float) -> Instant:
 def test_predictions_are_interpolated_at_the_time_of_the_frame() -> None:
     between = at_stamp([instant(1.0, 0.0), instant(1.02, 0.02)], 1.005)
     assert between is not None
-    assert between.pulled_length == pytest.approx(0.005)
+    assert between.pulled_length_m == pytest.approx(0.005)
     assert between.angles == pytest.approx((0.005, 0.01))
     assert between.tip == pytest.approx((0.1, -0.005))
 

@@ -41,7 +41,7 @@ def test_a_prediction_is_kept_with_its_deviations_and_the_tension_of_its_time() 
     states.header.stamp.sec = 7
     node.receive("finger/predicted", states)
     (kept,) = watch.end().predicted
-    assert (kept.stamp, kept.pulled_length, kept.tension, kept.predicted_tension) == (7.0, 0.01, 4.0, 5.0)
+    assert (kept.stamp, kept.pulled_length_m, kept.tension, kept.predicted_tension) == (7.0, 0.01, 4.0, 5.0)
     assert (kept.tip, kept.tip_stddev) == ((0.09, -0.02), (0.001, 0.003))
     assert kept.angles == pytest.approx((0.1, 0.2))
 

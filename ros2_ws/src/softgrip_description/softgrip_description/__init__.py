@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The hand, described once: palm, slots, finger bases, tool centre points; URDF, tf, joint states and MJCF from it.
+"""The hand, described once: palm, slots, finger bases, tool centre points; from it URDF, xacro, tf, joints and MJCF.
 
 Example:
     >>> from softgrip_description import shipped_hand, urdf_of
@@ -13,6 +13,7 @@ from softgrip_description.geometry import finger_joint_names, flexure_names, lin
 from softgrip_description.hand import Hand, HandSlot, load_hand, shipped_hand
 from softgrip_description.mjcf import mjcf_of
 from softgrip_description.urdf import urdf_of
+from softgrip_description.xacro_macro import macro_of
 
 __all__ = [
     "Hand",
@@ -22,6 +23,7 @@ __all__ = [
     "flexure_names",
     "link_poses",
     "load_hand",
+    "macro_of",
     "mjcf_of",
     "shipped_hand",
     "slot_pose",

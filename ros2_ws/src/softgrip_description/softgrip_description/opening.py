@@ -79,10 +79,10 @@ class GripperOpening:
             )
         self._sides = tuple(sides.values())
         end_m = min(one.pulled_length_m[-1] for one in clearances.values())
-        self._pulled_m = np.linspace(0.0, end_m, round(end_m / _STEP_M) + 1)
-        openings = np.array([self.opening_m(dict.fromkeys(clearances, u)) for u in self._pulled_m])
+        self._pulled_length_m = np.linspace(0.0, end_m, round(end_m / _STEP_M) + 1)
+        openings = np.array([self.opening_m(dict.fromkeys(clearances, u)) for u in self._pulled_length_m])
         closed = int(np.argmax(openings <= 0.0)) if (openings <= 0.0).any() else len(openings) - 1
-        self._pulled_m, self._openings_m = self._pulled_m[: closed + 1], openings[: closed + 1]
+        self._pulled_length_m, self._openings_m = self._pulled_length_m[: closed + 1], openings[: closed + 1]
 
     @property
     def max_m(self) -> float:
@@ -108,11 +108,11 @@ class GripperOpening:
 
     def pulled_length_m(self, opening_m: float) -> float:
         """Return the pulled length of all tendons that gives an opening [m]; the nearest one outside the range."""
-        return float(np.interp(-opening_m, -self._openings_m, self._pulled_m))
+        return float(np.interp(-opening_m, -self._openings_m, self._pulled_length_m))
 
     def tendon_speed_m_s(self, opening_speed_m_s: float) -> float:
         """Return the speed of the tendons [m/s] at which no part of the way is faster than an opening's speed [m/s]."""
-        steepest = float(np.max(-np.diff(self._openings_m) / np.diff(self._pulled_m)))
+        steepest = float(np.max(-np.diff(self._openings_m) / np.diff(self._pulled_length_m)))
         return opening_speed_m_s / steepest
 
 
@@ -139,9 +139,9 @@ def gripper_opening(hand: Hand, profiles: Mapping[str, Profile], mounted: Mappin
 def _clearance(slot: HandSlot, profile: Profile, name: str, point: Array) -> FingerClearance:
     """Tabulate one finger until its inner face leaves the height of the point, or its closing ends."""
     design, flexures = profile.finger(name), FingerFlexures(profile, name)
-    pulled_m = np.linspace(0.0, _MAX_PULLED_M, round(_MAX_PULLED_M / _STEP_M) + 1)
+    pulled_length_m = np.linspace(0.0, _MAX_PULLED_M, round(_MAX_PULLED_M / _STEP_M) + 1)
     kernel = Kernel([Finger.from_profile(profile, name)], assumed_friction(profile).law)
-    solution = kernel.solve(1e3 * pulled_m)
+    solution = kernel.solve(1e3 * pulled_length_m)
     clearances: list[float] = []
     for angles, tip_mm, failed in zip(solution.angle_rad[0], solution.tip_mm[0], solution.failed[0], strict=True):
         poses = [] if failed else link_poses(design, angles, flexures.displacements_m(angles, 1e-3 * tip_mm))
@@ -154,7 +154,7 @@ def _clearance(slot: HandSlot, profile: Profile, name: str, point: Array) -> Fin
             f"slot {name!r}: expected a finger that crosses the height of the tool centre point ({1e3 * point[2]:g} mm "
             "over the palm), found none; correct tool_centre_points_m of the hand file"
         )
-    return FingerClearance(slot.closes_towards_x, pulled_m[: len(clearances)], np.array(clearances))
+    return FingerClearance(slot.closes_towards_x, pulled_length_m[: len(clearances)], np.array(clearances))
 
 
 def _clearance_at(slot: HandSlot, design: FingerDesign, poses: Sequence[Array], point: Array) -> float | None:

@@ -28,9 +28,9 @@ from softgrip_description.cell_file import (
     read_shipped,
     save_cell,
 )
-from softgrip_description.cell_file.schema import cell_schema, find_problems
 from softgrip_description.commands import cell_file
 from softgrip_description.errors import CellFileError
+from softgrip_description.json_schema import find_problems, shipped_schema
 
 CONFIG = Path(__file__).parents[2] / "softgrip_bringup" / "config"
 HEAD = "schema: 1\nhardware: real\n"
@@ -159,12 +159,13 @@ def test_the_command_checks_and_shows_the_schema(tmp_path: Path, capsys: pytest.
     assert cell_file.main(["check", str(path), "--known", str(CONFIG)]) == 0
     assert "real cell: tendons index; rig none; camera none" in capsys.readouterr().out
     assert cell_file.main(["schema"]) == 0
-    assert json.loads(capsys.readouterr().out) == cell_schema()
+    assert json.loads(capsys.readouterr().out) == shipped_schema("cell")
 
 
+KEYS = st.sampled_from([*shipped_schema("cell")["properties"]])
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from([*cell_schema()["properties"]]), inner),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(KEYS, inner),
     max_leaves=12,
 )
 
@@ -172,7 +173,7 @@ VALUES = st.recursive(
 @settings(max_examples=150, deadline=None)
 @given(VALUES)
 def test_no_value_ends_the_check_otherwise_than_with_problems(value: object) -> None:
-    for place, text in find_problems(value, cell_schema()):
+    for place, text in find_problems(value, shipped_schema("cell")):
         assert all(isinstance(part, str | int) for part in place)
         assert text.startswith("expected")
 

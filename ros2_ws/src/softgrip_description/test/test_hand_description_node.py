@@ -224,4 +224,4 @@ def test_a_finger_that_cannot_be_mounted_is_named_and_the_last_description_stays
 def test_a_hand_file_that_does_not_exist_is_a_reason_to_refuse_to_start(peer: Peer) -> None:
     process = peer.start("hand_file:=/nonexistent/hand.yaml")
     assert process.wait(60.0) == 2
-    assert "cannot be read as a hand file" in process.stderr.read()
+    assert "expected a hand file, found: " in process.stderr.read()

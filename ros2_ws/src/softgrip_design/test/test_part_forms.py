@@ -6,13 +6,14 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softgrip_description.hand import shipped_hand
+from softgrip_description.hand import load_hand, shipped_hand
 from softgrip_design.parts import bench, drives, foot, forms
 from softgrip_design.parts.bill import SHEATH_M, bill_text, bought_rows, cable_m, printed_rows
 from softgrip_design.parts.finger_form import FingerForm, finger_form, strip_depth_mm
@@ -192,6 +193,15 @@ def test_a_hand_without_room_for_feet_or_with_flat_fingers_is_refused() -> None:
         palm_seat(HAND, "ring")
 
 
+def test_a_cross_pin_that_meets_another_foot_is_refused() -> None:
+    five = load_hand(Path(__file__).parents[4] / "benchmarks/design/five_fingers.yaml")
+    assert len(palm_forms(five)[0].pockets) == 2 * 5 + 1
+    index, middle = five.slots["index"], five.slots["middle"]
+    abreast = dataclasses.replace(middle, position_m=(index.position_m[0], *middle.position_m[1:]))
+    with pytest.raises(PartError, match=r"slot middle: .* found the foot of 'index' in its way"):
+        palm_forms(dataclasses.replace(five, slots=dict(five.slots) | {"middle": abreast}))
+
+
 @pytest.mark.parametrize("face", drives.FACES, ids=lambda face: face.name)
 def test_holes_lie_on_the_servo_and_a_spool_keeps_its_radius(face: drives.ServoFace) -> None:
     low, high = face.axis_mm - face.case_mm[1], face.axis_mm
@@ -208,6 +218,25 @@ def test_holes_lie_on_the_servo_and_a_spool_keeps_its_radius(face: drives.ServoF
     assert [axis - way for axis, way in zip(axes, ways, strict=True)] == pytest.approx([10.0] * 3)
     with pytest.raises(PartError, match="screws of the horn need a wall"):
         drives.spool(face, face.horn_holes[1] + 1.0, 0.125, 3)
+
+
+@pytest.mark.parametrize("face", drives.FACES, ids=lambda face: face.name)
+def test_the_screws_of_the_bill_reach_into_horn_and_case_and_no_further(face: drives.ServoFace) -> None:
+    found = {text.split(", ")[1].split()[0]: text for text, _ in face.screws}
+    lengths = {use: float(text.split(" x ")[1].split()[0].rstrip(",")) for use, text in found.items()}
+    into_horn = lengths["spool"] - drives.spool_height_mm(face)
+    assert 1.0 < into_horn < face.horn_mm + 0.5
+    assert 1.5 < lengths["plate"] - drives.PLATE_MM < 7.0
+    number = {text.split(", ")[1].split()[0]: number for text, number in face.screws}
+    assert number == {"plate": len(face.frame_holes), "spool": face.horn_holes[0]}
+
+
+def test_a_drive_without_a_plate_is_refused_with_the_reason() -> None:
+    assert drives.face_of("XC430-W240").name == "x430"
+    with pytest.raises(PartError, match=r"XM540-W270: there is no plate for it: .* could not be read"):
+        drives.face_of("XM540-W270")
+    with pytest.raises(PartError, match="expected one of XL330-M288"):
+        drives.face_of("SG90")
 
 
 @pytest.mark.parametrize("angle_deg", bench.WRAP_ANGLES_DEG)

@@ -39,7 +39,6 @@ from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON
 from softgrip_emulator.rig.sketches import EmulatedBoard
-from softgrip_emulator.rig.spring import SpringPlant
 from softgrip_emulator.rig.truth import RigTruth
 from softgrip_emulator.servos import load_ratings, make_chain
 from softgrip_emulator.wire.faulty import FaultyWire
@@ -47,6 +46,7 @@ from softgrip_emulator.wire.usb_adapter import UsbAdapter
 from softgrip_model.friction.laws import GRAVITY
 from softgrip_model.profile import load_directory
 from softgrip_testing.scripts import load_script
+from softgrip_testing.spring_plant import SpringPlant
 
 PROFILES = Path(__file__).parents[2] / "softgrip_bringup" / "profiles"
 TENDONS = ("index", "middle", "thumb")

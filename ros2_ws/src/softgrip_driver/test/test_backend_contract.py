@@ -15,8 +15,8 @@ from softgrip_driver.rig.build import StreamSettings, make_gauge, make_stage
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import Setpoint
 from softgrip_emulator.rig import EmulatedRig
-from softgrip_emulator.rig.spring import SpringPlant
 from softgrip_emulator.rig.truth import RigTruth
+from softgrip_testing.spring_plant import SpringPlant
 
 CURRENT, EXTENDED = OperatingMode.CURRENT_BASED_POSITION, OperatingMode.EXTENDED_POSITION
 #: every model that the driver knows, in the mode that is asked of it

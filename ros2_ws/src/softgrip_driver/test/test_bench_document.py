@@ -23,7 +23,7 @@ from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.rig import EmulatedRig
 
 DOCUMENT = Path(__file__).resolve().parents[4] / "docs" / "bench.md"
-LINES = [line.strip() for line in DOCUMENT.read_text().splitlines() if line.startswith("    ros2 run softgrip_driver ")]
+LINES = [line for line in DOCUMENT.read_text().splitlines() if line.startswith("ros2 run softgrip_driver ")]
 #: the document's ports: servos, stage, gauge
 PORTS = {"/dev/ttyUSB0": "servos", "/dev/ttyUSB1": "stand", "/dev/ttyACM0": "gauge"}
 G = 9.81

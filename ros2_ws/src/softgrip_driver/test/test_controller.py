@@ -511,6 +511,36 @@ def test_a_tendon_that_is_taut_for_an_owner_is_not_homed_by_others(rig):
     assert "owned by manager and taut" in rig.controller.home(rig.now).refusal
 
 
+def test_a_released_tendon_may_be_homed_though_friction_left_some_tension_in_it(rig):
+    rig.run(rig.move(0.012))
+    lease(rig, 10.0)
+    rig.fingers["a"].taut -= 0.003  # a knot has bedded in: the cable pulls at its zero
+    assert rig.run(rig.controller.release(rig.now))[0] is MoveOutcome.REACHED
+    assert rig.drive().holds_tension
+    assert rig.controller.ownership.owner_of("a", rig.now) == "manager"
+    ticket = rig.controller.home(rig.now)
+    assert ticket.refusal == ""
+    assert rig.run(ticket)[0] is MoveOutcome.REACHED
+
+
+def test_a_tendon_whose_release_was_cut_short_is_not_homed_by_others(rig):
+    rig.run(rig.move(0.012))
+    lease(rig)
+    ticket = rig.controller.release(rig.now)
+    rig.pass_time(0.1)
+    rig.controller.cancel(ticket, rig.now)
+    rig.cycle()
+    assert not rig.drive().busy
+    assert "owned by manager and taut" in rig.controller.home(rig.now).refusal
+
+
+def test_what_an_owner_pulls_after_a_release_is_taut_again(rig):
+    rig.run(rig.controller.release(rig.now))
+    owned = lease(rig, 10.0)
+    rig.run(rig.move(0.012, lease=owned.token))
+    assert "owned by manager and taut" in rig.controller.home(rig.now).refusal
+
+
 def test_a_setpoint_that_is_no_number_is_a_fault_that_holds(rig):
     rig.run(rig.move(0.010))
     rig.move(0.020)

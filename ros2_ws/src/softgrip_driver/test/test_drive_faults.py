@@ -43,7 +43,7 @@ def standing(reading) -> Standing:  # type: ignore[no-untyped-def]
 @pytest.mark.parametrize("tension_limit", [5.0, 35.0])
 def test_whatever_the_fault_it_holds_where_it_stands(standing: Standing, fault: str, tension_limit: float) -> None:
     """A lost zero changes what lengths count from, also for a hold that is gentle enough to stay as it is."""
-    standing.drive.start(lambda view: Hold(view.length, tension_limit), standing.now)
+    standing.drive.start(lambda view: Hold(view.pulled_length_m, tension_limit), standing.now)
     for _ in range(5):
         standing.step()
     standing.drive.set_fault(fault, "")
@@ -70,7 +70,7 @@ def test_a_person_s_reset_ends_every_fault_that_does_not_end_by_itself(standing:
 
 
 def test_a_drive_that_does_not_know_where_it_is_keeps_its_goal_with_the_holding_tension(standing: Standing) -> None:
-    standing.drive.start(lambda view: Hold(view.length, 35.0), standing.now)
+    standing.drive.start(lambda view: Hold(view.pulled_length_m, 35.0), standing.now)
     standing.step()
     for _ in range(6):
         standing.step(position=HERE + 0.0628)

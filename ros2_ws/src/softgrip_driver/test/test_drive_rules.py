@@ -37,7 +37,7 @@ class Stepped:
 
     def hold(self, ahead: float, tension: float = 8.0) -> None:
         """Pull with a set-point that is ahead of the drive [m]."""
-        self.drive.start(lambda view: Hold(view.length + ahead, 35.0), self.now)
+        self.drive.start(lambda view: Hold(view.pulled_length_m + ahead, 35.0), self.now)
         for _ in range(5):
             self.step(tension=tension)
 
@@ -219,7 +219,7 @@ def test_the_tension_that_counts_is_a_median_of_three(reading) -> None:  # type:
 
 def test_while_a_break_is_suspected_it_gives_way_by_nothing(stepped: Stepped) -> None:
     """It stands beyond its goal then, where its trim would go back, and look as if the tension had been let out."""
-    stepped.drive.start(lambda view: Hold(view.length + 1e-3, 35.0), stepped.now)
+    stepped.drive.start(lambda view: Hold(view.pulled_length_m + 1e-3, 35.0), stepped.now)
     for _ in range(60):
         stepped.step(tension=8.0)
     goals = []

@@ -58,7 +58,7 @@ class Finger:
 
     def view(self, asked):
         """What the drive shows a period after it has been asked for a length [m] and a limit [N]."""
-        letting_out = asked.length < self.length
+        letting_out = asked.pulled_length_m < self.length
         pauses = self._pauses_at is not None and not letting_out and self.length >= self._pauses_at
         if pauses:
             self._pauses_at = None
@@ -77,7 +77,7 @@ class Finger:
 
     def _live(self, asked):
         damping = 2.0 * self._damping * self.MASS * self._frequency
-        force = self.MASS * self._frequency**2 * (asked.length - self.length) - damping * self.speed
+        force = self.MASS * self._frequency**2 * (asked.pulled_length_m - self.length) - damping * self.speed
         # the device limits its current, which is what is read
         self.force = min(max(force, -asked.tension_limit - self._gears), asked.tension_limit - self._gears)
         held = self.FRICTION * self.speed + STIFFNESS * max(0.0, self.length - self._taut)
@@ -157,7 +157,7 @@ def test_letting_out_is_as_quick_as_a_release_but_not_quicker_than_twice_the_hom
     step = MotionStep(0.0, limits.tension_hold)
     homing = Homing(finger.view(step), limits)
     began = finger.now
-    while step.length > -LIMITS.slack_travel:
+    while step.pulled_length_m > -LIMITS.slack_travel:
         step = homing.step(finger.view(step))
     minimum = LIMITS.slack_travel / speed
     assert minimum < finger.now - began < minimum + 2.0 * speed / LIMITS.acceleration
@@ -196,7 +196,7 @@ def test_the_knee_is_where_the_tendon_begins_to_pull(end, what):
 
 def seen(kept):
     homing = Homing(Finger().view(MotionStep(0.0, 1.0)), LIMITS)
-    homing._samples = [sample for sample in wound_in(2e-3, 5e-3) if kept(sample.length)]
+    homing._samples = [sample for sample in wound_in(2e-3, 5e-3) if kept(sample.pulled_length_m)]
     return homing._shows(2e-3)
 
 
@@ -224,7 +224,7 @@ def test_too_few_samples_send_it_further_out():
         now += PERIOD
         taut = homing._phase is not _Phase.LET_OUT
         tension = LIMITS.homing_tension if taut else 0.0
-        goals.append(homing.step(DriveObservation(now, PERIOD, length, 0.0, tension, tension, 45.0)).length)
+        goals.append(homing.step(DriveObservation(now, PERIOD, length, 0.0, tension, tension, 45.0)).pulled_length_m)
         length = length if taut else goals[-1]
         assert now < LIMITS.homing_timeout
     assert min(goals) == pytest.approx(-2.5 * LIMITS.slack_travel, abs=1e-4)

@@ -30,7 +30,7 @@ class Run:
         self.now += DT
         found = self.homing.step(self.view(tension, speed))
         if obeys:
-            self.length = found.length
+            self.length = found.pulled_length_m
         return found
 
     def let_out(self) -> list[MotionStep]:
@@ -43,8 +43,8 @@ class Run:
 def test_it_lets_out_until_slack_with_the_holding_tension_and_no_faster_than_a_release() -> None:
     steps = Run().let_out()
     assert {step.tension_limit for step in steps} == {LIMITS.tension_hold}
-    assert steps[-1].length == pytest.approx(-LIMITS.slack_travel)
-    fastest = max((a.length - b.length) / DT for a, b in pairwise(steps))
+    assert steps[-1].pulled_length_m == pytest.approx(-LIMITS.slack_travel)
+    fastest = max((a.pulled_length_m - b.pulled_length_m) / DT for a, b in pairwise(steps))
     assert fastest == pytest.approx(LIMITS.release_speed, rel=0.01)
 
 
@@ -84,7 +84,7 @@ def test_a_tendon_that_never_gets_taut_ends_it_at_50_mm_and_names_the_tendon() -
         assert run.now < 14.0
     assert (step.outcome, step.fault) == (MoveOutcome.FAULT, "homing_failed")
     assert "50 mm wound in without 1.5 N: is the tendon attached?" in step.reason
-    assert step.length == pytest.approx(-LIMITS.slack_travel + LIMITS.homing_travel, abs=1e-3)
+    assert step.pulled_length_m == pytest.approx(-LIMITS.slack_travel + LIMITS.homing_travel, abs=1e-3)
 
 
 def test_it_gives_up_after_15_s() -> None:

@@ -54,7 +54,7 @@ def test_a_model_homes_closes_and_holds_within_its_limits(bench):
     outcome, reason = bench.run(bench.loop.call(lambda c, now: c.home(now)), 30.0)
     assert outcome is MoveOutcome.REACHED, reason
     taut = bench.plant.wound_m() - bench.plant.bank.slack_m
-    assert [drive.length for drive in bench.loop.snapshot.drives] == pytest.approx(taut, abs=4.5e-4)
+    assert [drive.pulled_length_m for drive in bench.loop.snapshot.drives] == pytest.approx(taut, abs=4.5e-4)
     outcome, reason = bench.run(bench.move([0.015], limits.speed))
     assert outcome is MoveOutcome.REACHED, reason
     # What position control leaves over under load is trimmed away after the end of a motion.

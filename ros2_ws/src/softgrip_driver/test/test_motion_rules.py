@@ -65,7 +65,7 @@ def obeyed(motion: Motion, seconds: float, **seen: float) -> list[MotionStep]:
     for number in range(2, round(seconds / DT) + 1):
         if steps[-1].outcome is not None:
             break
-        steps.append(motion.step(view(number * DT, length=steps[-1].length, **seen)))
+        steps.append(motion.step(view(number * DT, length=steps[-1].pulled_length_m, **seen)))
     return steps
 
 
@@ -121,25 +121,25 @@ def test_a_taut_finger_opens_though_it_pulls_with_more_than_its_limit() -> None:
 )
 def test_a_set_point_does_not_run_away_from_a_finger_that_is_held_up(motion: Motion) -> None:
     """6 mm of lead, and what one step of 5 ms makes at 50 mm/s."""
-    ahead = [step.length - HERE for step in standing(motion, 0.6, tension=1.0)]
+    ahead = [step.pulled_length_m - HERE for step in standing(motion, 0.6, tension=1.0)]
     assert 0.004 < max(ahead) < LIMITS.max_following_error + LIMITS.speed * DT + 1e-9
 
 
 def test_a_set_point_that_is_far_ahead_can_be_taken_back() -> None:
     motion = to_length(0.0, start=0.020)
     first, *_, last = standing(motion, 0.2)
-    assert last.length < first.length - 1e-3
+    assert last.pulled_length_m < first.pulled_length_m - 1e-3
 
 
 def test_a_pull_to_a_tension_ends_at_the_travel_and_a_release_at_zero() -> None:
-    wound_in = [step.length for step in obeyed(to_tension(20.0), 10.0, tension=0.0)]
+    wound_in = [step.pulled_length_m for step in obeyed(to_tension(20.0), 10.0, tension=0.0)]
     assert max(wound_in) == pytest.approx(LIMITS.travel, abs=1e-6)
-    paid_out = [step.length for step in obeyed(to_tension(5.0, tension=20.0), 10.0, tension=20.0)]
+    paid_out = [step.pulled_length_m for step in obeyed(to_tension(5.0, tension=20.0), 10.0, tension=20.0)]
     assert min(paid_out) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_stream_that_jumps_is_followed_at_the_speed_limit() -> None:
-    lengths = [step.length for step in obeyed(follow([HERE, 0.03, 0.03], [0.0, 0.01, 2.0]), 0.5)]
+    lengths = [step.pulled_length_m for step in obeyed(follow([HERE, 0.03, 0.03], [0.0, 0.01, 2.0]), 0.5)]
     fastest = max((b - a) / DT for a, b in pairwise(lengths))
     assert fastest == pytest.approx(LIMITS.speed, rel=0.01)
 
@@ -148,16 +148,16 @@ def test_a_stream_that_jumps_is_followed_at_the_speed_limit() -> None:
 def test_a_new_order_goes_on_from_the_set_point_but_not_from_farther_than_the_lead(ahead: float, begins: float) -> None:
     """A set-point that falls back to the drive would let go of what it holds."""
     for motion in (to_length(0.03, ahead=ahead), to_tension(5.0, ahead=ahead), follow([0.03], [2.0], ahead=ahead)):
-        assert motion.step(view(1e-6, tension=5.0)).length == pytest.approx(HERE + begins, abs=2e-4)
+        assert motion.step(view(1e-6, tension=5.0)).pulled_length_m == pytest.approx(HERE + begins, abs=2e-4)
 
 
 def test_the_next_message_of_a_stream_goes_on_from_the_set_point_of_the_one_before() -> None:
     first = follow([0.02], [0.5])
-    last = standing(first, 0.2)[-1].length
+    last = standing(first, 0.2)[-1].pulled_length_m
     second = follow([0.02], [0.3], now=0.2)
     second.take_over(first)
     assert last > HERE + 2e-3
-    assert second.step(view(0.2 + DT)).length == pytest.approx(last, abs=3e-4)
+    assert second.step(view(0.2 + DT)).pulled_length_m == pytest.approx(last, abs=3e-4)
 
 
 def test_a_set_point_that_was_stopped_starts_from_rest() -> None:

@@ -336,4 +336,4 @@ def test_a_reading_without_numbers_is_no_answer(cell):
 
     cell.device.read = without_numbers
     assert cell.loop.wait_for(lambda seen: seen.drives[0].fault == "no_reply", DEADLINE_S)
-    assert math.isfinite(cell.loop.snapshot.drives[0].length)
+    assert math.isfinite(cell.loop.snapshot.drives[0].pulled_length_m)

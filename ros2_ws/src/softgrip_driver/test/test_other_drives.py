@@ -42,7 +42,9 @@ def test_it_homes_where_the_tendon_becomes_taut_and_closes_a_finger(bench):
     outcome, reason = bench.run(bench.loop.call(lambda c, now: c.home(now)), 40.0)
     assert outcome is MoveOutcome.REACHED, reason
     taut = bench.plant.wound_m() - bench.plant.bank.slack_m
-    assert [drive.length for drive in bench.loop.snapshot.drives] == pytest.approx(taut, abs=ZERO_M[bench.model])
+    assert [drive.pulled_length_m for drive in bench.loop.snapshot.drives] == pytest.approx(
+        taut, abs=ZERO_M[bench.model]
+    )
     outcome, reason = bench.run(bench.move([0.015], limits_of(bench).speed))
     assert outcome is MoveOutcome.REACHED, reason
     assert bench.plant.wound_m() - bench.plant.bank.slack_m == pytest.approx(0.015, abs=ZERO_M[bench.model] + 2e-4)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from softgrip_description.cell_file import ChainServo, ServoChain
-from softgrip_driver.commands import calibrate_tension
+from softgrip_driver.commands import calibrate_tension, stage
 from softgrip_driver.tendon.blocking import block_of, keeps_torque
 from softgrip_driver.tendon.gripper import Policies, StopPolicy
 from softgrip_driver.tendon.safety import Safety, SafetyRefusal
@@ -326,6 +326,14 @@ def test_who_moves_drives_without_the_driver_asks_what_it_kept(kept, happens, fo
     happens(process(kept))
     with pytest.raises(SafetyStoreError, match=found):
         check_port_is_free_to_move(PORT)
+
+
+@pytest.mark.parametrize("order", [("--jog", "5"), ("--start", "home")])
+def test_a_stage_is_not_moved_while_it_is_stopped(kept, capsys, order):
+    kept.parent.mkdir(exist_ok=True)
+    stop(process(kept))
+    assert stage.main(["--port", PORT, *order]) == 1
+    assert "found an emergency stop (a person" in capsys.readouterr().err
 
 
 def test_calibrate_tension_and_the_wizard_ask(kept, capsys):

@@ -350,9 +350,9 @@ def test_a_move_does_not_overshoot(taut):
         seen = taut.watched(taut.move([end], 0.02, tendons=["index", "middle"])) + taut.pass_time(1.0)
         direction = 1.0 if end > start else -1.0
         for index in (0, 1):
-            beyond = max(direction * (one.drives[index].length - end) for one in seen)
+            beyond = max(direction * (one.drives[index].pulled_length_m - end) for one in seen)
             assert beyond < 1e-4
-            assert seen[-1].drives[index].length == pytest.approx(end, abs=1e-4)
+            assert seen[-1].drives[index].pulled_length_m == pytest.approx(end, abs=1e-4)
 
 
 @pytest.mark.parametrize("bench", [{}, {"mode": EXTENDED}], indirect=True)

@@ -259,7 +259,7 @@ def test_homing_tensions_and_closings_whichever_current_the_servo_limits(bench):
     # 1.5 N are asked for; the friction of the gears, assumed as 50 mA, may be worth 1.8 N.
     assert highest.max() < 3.5
     taut = bench.plant.wound_m() - bench.plant.bank.slack_m
-    lengths = [drive.length for drive in bench.loop.snapshot.drives]
+    lengths = [drive.pulled_length_m for drive in bench.loop.snapshot.drives]
     assert lengths == pytest.approx(taut, abs=4e-4)
     # A new cable beds in by a quarter of a millimetre, worth all of 2 N (docs/emulator.md): pulled once first.
     bench.run(bench.move([20.0], 0.02, mode=MoveMode.TENSION))

@@ -194,6 +194,44 @@ def test_a_servo_of_another_bench_with_an_id_of_the_chain_is_named(fresh):
         bench.wizard(Hands(bench.plant, {"connect.middle": used})).run()
 
 
+def named_chain(bench):
+    """Let the wizard name the chain and end it before the first tendon is tied."""
+    with pytest.raises(KeyboardInterrupt):
+        bench.wizard(Hands(bench.plant, {"tie.index": leave})).run()
+
+
+def test_a_servo_of_the_chain_at_another_baud_rate_is_named(fresh):
+    bench = fresh()
+    named_chain(bench)
+    bench.plant.servos[1].registers.put("baud_rate", 1)
+    with pytest.raises(DeviceNotFoundError, match=r"middle: .* ID 2 at 57600 baud .as new.; set each with .* setup"):
+        bench.wizard(Hands(bench.plant)).run()
+
+
+def test_a_chain_that_is_no_longer_fed_is_named(fresh):
+    bench = fresh()
+    named_chain(bench)
+    Hands(bench.plant).connect(*TENDONS, connected=False)
+    with pytest.raises(DeviceNotFoundError, match=r"index: .* found nobody at any baud rate; check power and cable"):
+        bench.wizard(Hands(bench.plant)).run()
+
+
+def test_a_tendon_that_was_wound_the_other_way_round_since_is_named_before_anything_is_paid_out(fresh):
+    bench = fresh()
+    with pytest.raises(KeyboardInterrupt):
+        bench.wizard(Hands(bench.plant, {"straight": leave})).run()
+    text = bench.file.read_text()
+    assert text.count("direction: -1") == 1  # middle, as it is wound
+    bench.file.write_text(text.replace("direction: -1", "direction: 1"))
+    wound_m = bench.plant.wound_m().copy()
+    with pytest.raises(
+        ConfigurationError, match=r"middle: expected a spool that pulls in direction 1, found -1; .*anew"
+    ):
+        bench.wizard(Hands(bench.plant)).run()
+    assert bench.powered() == [0, 0, 0]
+    assert bench.plant.wound_m() == pytest.approx(wound_m, abs=1e-3)
+
+
 def test_a_servo_that_was_used_before_is_said_to_be_and_set_up(fresh):
     bench = fresh(device_id=77, baud=3_000_000)
     hands = Hands(bench.plant, {"tie.index": leave})

@@ -18,7 +18,7 @@ from softgrip_emulator.camera.exposure_sample import CameraSettings, ExposureSam
 from softgrip_emulator.camera.optics import draw_optics
 from softgrip_emulator.clock import ScaledCellClock, SetClock
 from softgrip_emulator.errors import EmulatorError
-from softgrip_emulator.faults import FaultBoard, Overrides
+from softgrip_emulator.faults import FaultBoard, FaultyDevices
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.sensor import OtherLine
@@ -136,8 +136,9 @@ class EmulatedCell:
         self.camera = CameraProcess(self._settings, seed, SEEN_SLOT, self._on_exposed)
         self._exposed_s = self._exposure_due_s = 0.0
         self._exposing_since = 0.0
-        self.overrides = Overrides()
-        self.faults = FaultBoard(self)
+        self.faults = FaultBoard(
+            FaultyDevices(self.clock, self.plant, self.bus_wire, self.bus_port, self.camera, self.rig)
+        )
 
     def open(self) -> Self:
         """Make all wires and start living.

@@ -17,7 +17,12 @@ from softgrip_emulator.errors import EmulatorError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from softgrip_emulator.cell import EmulatedCell
+    from softgrip_emulator.camera.camera_process import CameraProcess
+    from softgrip_emulator.clock import SetClock
+    from softgrip_emulator.plant.cell import CellPlant
+    from softgrip_emulator.rig import EmulatedRig
+    from softgrip_emulator.wire.faulty import FaultyWire
+    from softgrip_emulator.wire.pty import DrivenPort
 
     Undo = Callable[[], None]
     Cause = Callable[..., Undo]
@@ -131,10 +136,23 @@ class Overrides:
                 del self._held[(id(thing), name)]
 
 
-class FaultBoard:
-    """Injects and clears faults on one cell."""
+@dataclass(frozen=True)
+class FaultyDevices:
+    """What of one cell can fail, and the clock by which faults begin and end."""
 
-    def __init__(self, cell: EmulatedCell) -> None:
+    clock: SetClock
+    plant: CellPlant
+    bus_wire: FaultyWire
+    bus_port: DrivenPort
+    camera: CameraProcess
+    rig: EmulatedRig
+    overrides: Overrides = field(default_factory=Overrides)
+
+
+class FaultBoard:
+    """Injects and clears faults on the devices of one cell."""
+
+    def __init__(self, cell: FaultyDevices) -> None:
         self._cell = cell
         self._lock = threading.RLock()
         self._active: list[_Active] = []
@@ -268,54 +286,54 @@ def _forget(values: dict[str, float], slot: str) -> None:
     values.pop(slot, None)
 
 
-def _bytes_lost(cell: EmulatedCell, share: float = 0.02) -> Undo:
+def _bytes_lost(cell: FaultyDevices, share: float = 0.02) -> Undo:
     return cell.overrides.set(cell.bus_wire.faults, lost=float(share))
 
 
-def _bytes_flipped(cell: EmulatedCell, share: float = 0.02) -> Undo:
+def _bytes_flipped(cell: FaultyDevices, share: float = 0.02) -> Undo:
     return cell.overrides.set(cell.bus_wire.faults, flipped=float(share))
 
 
-def _bytes_duplicated(cell: EmulatedCell, share: float = 0.02) -> Undo:
+def _bytes_duplicated(cell: FaultyDevices, share: float = 0.02) -> Undo:
     return cell.overrides.set(cell.bus_wire.faults, duplicated=float(share))
 
 
-def _bytes_delayed(cell: EmulatedCell, delay_s: float = 0.05, share: float = 1.0) -> Undo:
+def _bytes_delayed(cell: FaultyDevices, delay_s: float = 0.05, share: float = 1.0) -> Undo:
     return cell.overrides.set(cell.bus_wire.faults, delay_s=float(delay_s), delayed=float(share))
 
 
-def _crc_error(cell: EmulatedCell, share: float = 1.0) -> Undo:
+def _crc_error(cell: FaultyDevices, share: float = 1.0) -> Undo:
     return cell.overrides.set(cell.bus_wire.faults, spoiled=float(share))
 
 
-def _bus_dead(cell: EmulatedCell) -> Undo:
+def _bus_dead(cell: FaultyDevices) -> Undo:
     return cell.overrides.set(cell.bus_wire.faults, dead=True)
 
 
-def _unplugged(cell: EmulatedCell) -> Undo:
+def _unplugged(cell: FaultyDevices) -> Undo:
     cell.bus_port.unplug()
     return cell.bus_port.plug
 
 
-def _servo_silent(cell: EmulatedCell, slot: str) -> Undo:
+def _servo_silent(cell: FaultyDevices, slot: str) -> Undo:
     return cell.overrides.set(cell.plant.servos[cell.plant.index(slot)], silenced=True)
 
 
-def _servo_unplugged(cell: EmulatedCell, slot: str) -> Undo:
+def _servo_unplugged(cell: FaultyDevices, slot: str) -> Undo:
     # It boots when it is plugged in again: the plant sees the voltage come back.
     return cell.overrides.set(cell.plant.servos[cell.plant.index(slot)], is_connected=False)
 
 
-def _alert(cell: EmulatedCell, slot: str, bits: int = EmulatedHardwareError.ELECTRICAL_SHOCK) -> Undo:
+def _alert(cell: FaultyDevices, slot: str, bits: int = EmulatedHardwareError.ELECTRICAL_SHOCK) -> Undo:
     # The bits stay until the servo is rebooted, as on the real one.
     return cell.overrides.set(cell.plant.servos[cell.plant.index(slot)], forced_error_bits=int(bits))
 
 
-def _overload(cell: EmulatedCell, slot: str) -> Undo:
+def _overload(cell: FaultyDevices, slot: str) -> Undo:
     return _alert(cell, slot, EmulatedHardwareError.OVERLOAD)
 
 
-def _overheating(cell: EmulatedCell, slot: str, temperature_c: float = 71.0) -> Undo:
+def _overheating(cell: FaultyDevices, slot: str, temperature_c: float = 71.0) -> Undo:
     shaft = cell.plant.servos[cell.plant.index(slot)].shaft
     with cell.plant.lock:
         shaft.temperature_c = shaft.winding_c = float(temperature_c)
@@ -323,63 +341,63 @@ def _overheating(cell: EmulatedCell, slot: str, temperature_c: float = 71.0) -> 
     return lambda: None
 
 
-def _heating(cell: EmulatedCell, slot: str, power_w: float = 6.0) -> Undo:
+def _heating(cell: FaultyDevices, slot: str, power_w: float = 6.0) -> Undo:
     cell.plant.disturbances.extra_heat_w[slot] = float(power_w)
     return lambda: _forget(cell.plant.disturbances.extra_heat_w, slot)
 
 
-def _brown_out(cell: EmulatedCell, voltage_v: float = 2.5) -> Undo:
+def _brown_out(cell: FaultyDevices, voltage_v: float = 2.5) -> Undo:
     return cell.overrides.set(cell.plant.disturbances, supply_v=float(voltage_v))
 
 
-def _silent_reboot(cell: EmulatedCell, slot: str) -> Undo:
+def _silent_reboot(cell: FaultyDevices, slot: str) -> Undo:
     with cell.plant.lock:
         cell.plant.servos[cell.plant.index(slot)].lose_power(cell.plant.now_s)
     return lambda: None
 
 
-def _wrong_baud(cell: EmulatedCell, slot: str, register: int = 1) -> Undo:
+def _wrong_baud(cell: FaultyDevices, slot: str, register: int = 1) -> Undo:
     registers = cell.plant.servos[cell.plant.index(slot)].registers
     before = registers.get("baud_rate")
     registers.put("baud_rate", int(register))
     return lambda: registers.put("baud_rate", before)
 
 
-def _position_glitch(cell: EmulatedCell, slot: str, pulses: int = -4095) -> Undo:
+def _position_glitch(cell: FaultyDevices, slot: str, pulses: int = -4095) -> Undo:
     return cell.overrides.set(cell.plant.servos[cell.plant.index(slot)], position_glitch_pulses=int(pulses))
 
 
-def _tendon_break(cell: EmulatedCell, slot: str) -> Undo:
+def _tendon_break(cell: FaultyDevices, slot: str) -> Undo:
     broken = cell.plant.disturbances.broken_tendons
     broken.add(slot)
     return lambda: broken.discard(slot)
 
 
-def _slack(cell: EmulatedCell, slot: str, length_m: float = 0.010) -> Undo:
+def _slack(cell: FaultyDevices, slot: str, length_m: float = 0.010) -> Undo:
     slack = cell.plant.disturbances.extra_slack_m
     slack[slot] = float(length_m)
     return lambda: _forget(slack, slot)
 
 
-def _jammed(cell: EmulatedCell, slot: str) -> Undo:
+def _jammed(cell: FaultyDevices, slot: str) -> Undo:
     jammed = cell.plant.disturbances.jammed
     jammed.add(slot)
     return lambda: jammed.discard(slot)
 
 
-def _camera_frozen(cell: EmulatedCell) -> Undo:
+def _camera_frozen(cell: FaultyDevices) -> Undo:
     return cell.overrides.set(cell.camera.faults, frozen=True)
 
 
-def _camera_dropped(cell: EmulatedCell, share: float = 0.5) -> Undo:
+def _camera_dropped(cell: FaultyDevices, share: float = 0.5) -> Undo:
     return cell.overrides.set(cell.camera.faults, drop_share=float(share))
 
 
-def _camera_dark(cell: EmulatedCell, gain: float = 0.08) -> Undo:
+def _camera_dark(cell: FaultyDevices, gain: float = 0.08) -> Undo:
     return cell.overrides.set(cell.camera.faults, gain=float(gain))
 
 
-def _camera_overexposed(cell: EmulatedCell, gain: float = 3.0) -> Undo:
+def _camera_overexposed(cell: FaultyDevices, gain: float = 3.0) -> Undo:
     return cell.overrides.set(cell.camera.faults, gain=float(gain))
 
 

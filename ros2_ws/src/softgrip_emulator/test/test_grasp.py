@@ -88,7 +88,7 @@ def test_a_product_is_felt_in_the_tension_and_stops_the_finger(cell):
     with_egg.place("egg")
     for plant in (with_egg, empty):
         for step in range(1500):
-            plant.pulled_m = np.full(3, 0.012 * step / 1500)
+            plant.pulled_length_m = np.full(3, 0.012 * step / 1500)
             plant.step()
     assert with_egg.grasp.state().touching
     assert with_egg.bank.tension_n[2] > empty.bank.tension_n[2] + 2.0
@@ -100,7 +100,7 @@ def test_opening_sets_the_product_down(cell):
     plant.place("orange")
     assert plant.close(20.0).held
     for _ in range(2000):
-        plant.pulled_m = np.maximum(plant.pulled_m - 0.02e-3, 0.0)
+        plant.pulled_length_m = np.maximum(plant.pulled_length_m - 0.02e-3, 0.0)
         plant.step()
     state = plant.grasp.state()
     assert (state.held, state.slipped, state.touching, state.product) == (False, False, False, "orange")

@@ -99,7 +99,7 @@ def test_fingers_that_draw_a_product_in_press_it_against_the_palm(profiles):
     plant.place("cracker_sheet")
     assert plant.close(14.0).held
     for _ in range(750):
-        plant.pulled_m = plant.pulled_m + 8e-6
+        plant.pulled_length_m = plant.pulled_length_m + 8e-6
         plant.step()
     for _ in range(500):
         plant.step()

@@ -73,7 +73,7 @@ class HandEnv(gymnasium.Env[Any, Any]):  # type: ignore[misc]  # Gymnasium is an
         """Return what tendon/state carries now, (4 n,)."""
         samples = [self.cell.samples()[index] for index in self._indices]
         return tendon_observation(
-            [one.pulled_length for one in samples],
+            [one.pulled_length_m for one in samples],
             [one.velocity for one in samples],
             [one.tension for one in samples],
             self._targets_m.tolist(),

@@ -57,10 +57,10 @@ def test_a_tendon_follows_its_command_as_far_as_the_driver_lets_it():
     env.reset(seed=1, options={"cell": 1, "copy": 1, "product": "grape"})
     for _ in range(6):
         observation, *_ = env.step(np.array([0.5, 0.0, -1.0], np.float32))
-    commanded_m, pulled_m = MAX_LENGTH_M * observation[9:12], MAX_LENGTH_M * observation[0:3]
+    commanded_m, pulled_length_m = MAX_LENGTH_M * observation[9:12], MAX_LENGTH_M * observation[0:3]
     assert commanded_m == pytest.approx([6 * 0.5 * MAX_RATE_M_S * PERIOD_S, 0.0, 0.0], abs=1e-7)
     # it lags by the servo's following error and by one period of the stream
-    assert pulled_m == pytest.approx(commanded_m, abs=1.5e-3)
+    assert pulled_length_m == pytest.approx(commanded_m, abs=1.5e-3)
 
 
 def test_what_is_not_gripped_is_lost_when_the_arm_goes_up():

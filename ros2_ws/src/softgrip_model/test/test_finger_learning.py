@@ -262,6 +262,6 @@ def test_tensions_stay_the_profiles(profiles: dict[str, Profile], causes: Causes
     np.testing.assert_array_equal(known.tensions, plain.tensions)
     assert known.joint_angles.sum() < plain.joint_angles.sum()  # the cable stretches
     assert all(a > b for a, b in zip(known.tip_stddev, plain.tip_stddev, strict=True))
-    slack, _ = (session.predict([dataclasses.replace(sample, pulled_length=0.0)], ["index"]) for session in sessions)
+    slack, _ = (session.predict([dataclasses.replace(sample, pulled_length_m=0.0)], ["index"]) for session in sessions)
     assert slack[0].tip == pytest.approx((1e-3 * causes.finger.length_from_joint_mm, 0.0))
     assert measured([ClosingInstant(0, 1.0, np.array([1.0, 2.0]), 3.0, 3.0)]).tolist() == [1.0, 2.0, 3.0]

@@ -134,13 +134,13 @@ class SlowMachine:
     now: float = 0.0
     shown: list[tuple[float, Shown]] = field(default_factory=list)
 
-    def run(self, until, pulled_m):
-        """Let time pass; `pulled_m` is the pulled length at a time."""
+    def run(self, until, pulled_length_m):
+        """Let time pass; `pulled_length_m` is the pulled length at a time."""
         while self.now < until:
             number = int(self.now * STATE_HZ + 1e-6)
             stamp = number / STATE_HZ
             before = len(self.solved)
-            sample = TendonInput(round(1e9 * stamp), pulled_m(stamp), 0.0, 1.0)
+            sample = TendonInput(round(1e9 * stamp), pulled_length_m(stamp), 0.0, 1.0)
             shown = list(self.session.on_tendons(["index"], [sample]))
             iterations = sum(found.iterations for _, found in self.solved[before:])
             self.shown += [(stamp, one) for one in shown]
@@ -159,7 +159,7 @@ def test_a_slow_solver_gives_fewer_and_coarser_shapes_that_say_so_and_recovers(p
     assert len({shown.configuration for _, shown in machine.shown}) == 1  # whichever mesh serves
     for stamp, shown in machine.shown:
         # never an old shape: each is that of its own state, which was the newest when its turn came
-        assert shown.shape.pulled_length == closing_motion(stamp)
+        assert shown.shape.pulled_length_m == closing_motion(stamp)
         assert ("coarser mesh (432 instead of" in shown.reason) == (shown.hexahedra == 432)
     for (before, _), (after, shown) in zip(machine.shown, machine.shown[1:], strict=False):
         if after - before > 0.4:  # too slow to look at
@@ -183,8 +183,8 @@ def test_what_the_coarse_mesh_had_to_show_the_fine_one_learns_while_the_tendon_r
         foreseen += [shown for _, shown in machine.shown if "its next shape would take" in shown.reason]
         before = len(machine.shown)
         machine.run(40.0, lambda stamp: closing_and_opening(stamp - 30.0))
-        again = [shown for _, shown in machine.shown[before:] if shown.shape.pulled_length > 0.0]
-        assert max(shown.shape.pulled_length for shown in again) > 0.0055
+        again = [shown for _, shown in machine.shown[before:] if shown.shape.pulled_length_m > 0.0]
+        assert max(shown.shape.pulled_length_m for shown in again) > 0.0055
         assert {shown.hexahedra for shown in again} == {fine}
     assert foreseen
     assert {shown.hexahedra for shown in foreseen} == {432}

@@ -139,7 +139,7 @@ def test_the_command_shows_solid_and_own_mesh(gmsh, step, tmp_path, capsys):
     case = ["finger_closing", "--solid", str(step), "--steps", "2", "--out", str(tmp_path)]
     assert simulate.main([*case, "--json", str(tmp_path / "out.json")]) == 0
     states = json.loads((tmp_path / "out.json").read_text())["states"]
-    assert [state["pulled_m"] for state in states] == pytest.approx([0.010, 0.020])
+    assert [state["pulled_length_m"] for state in states] == pytest.approx([0.010, 0.020])
     for state in states:
         assert state["tip_m"] != state["own_mesh_tip_m"]
         assert np.hypot(*np.subtract(state["tip_m"], state["own_mesh_tip_m"])[:2]) < 2e-3

@@ -141,7 +141,7 @@ def test_pairs_do_not_depend_on_arrival_order() -> None:
 
     assert run("measured first") == run("tendon first")
     first, _ = run("tendon first")[0]
-    assert first.pulled_length == pytest.approx(3.5e-3)
+    assert first.pulled_length_m == pytest.approx(3.5e-3)
     assert first.tension == pytest.approx(5.5)
 
 
@@ -158,7 +158,7 @@ def test_only_the_last_two_seconds_are_kept() -> None:
         matcher.add_tendon(TendonInput(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0))
     assert matcher.add_measured(1_005 * MILLISECOND, "late") == []
     ((sample, _),) = matcher.add_measured(2_005 * MILLISECOND, "in time")
-    assert sample.pulled_length == pytest.approx(0.2005)
+    assert sample.pulled_length_m == pytest.approx(0.2005)
 
 
 def test_a_source_that_starts_again_is_paired_again() -> None:
@@ -168,11 +168,11 @@ def test_a_source_that_starts_again_is_paired_again() -> None:
         matcher.add_tendon(TendonInput(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0))
     assert matcher.add_tendon(TendonInput(1_100 * MILLISECOND, 9.0, 0.1, 2.0)) == []
     ((sample, _),) = matcher.add_measured(1_100 * MILLISECOND, "seen")
-    assert sample.pulled_length == pytest.approx(0.11)
+    assert sample.pulled_length_m == pytest.approx(0.11)
     for t in range(5):
         matcher.add_tendon(TendonInput(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0))
     ((sample, _),) = matcher.add_measured(15 * MILLISECOND, "seen again")
-    assert sample.pulled_length == pytest.approx(0.0015)
+    assert sample.pulled_length_m == pytest.approx(0.0015)
 
 
 class Seen:
@@ -288,7 +288,7 @@ def test_service_names_what_is_unknown(profiles: dict[str, Profile], friction: A
     session = Session(profiles, {"index": "power"}, WearSettings())
     session.set_friction(friction)
     states = session.closing("hook", "", "", [0.005, 0.01])
-    assert [(s.finger, s.pulled_length) for s in states] == [
+    assert [(s.finger, s.pulled_length_m) for s in states] == [
         (slot, pull) for slot in ("index", "middle", "thumb") for pull in (0.005, 0.01)
     ]
     with pytest.raises(FingerError, match="known: rig-1, braid-tpu-chapter4"):

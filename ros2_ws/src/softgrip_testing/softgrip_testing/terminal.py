@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import pty
 import select
+import signal
 import subprocess
 import time
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ class Terminal:
     """A command at a terminal of its own.
 
     Args:
-        words: the command.
+        line: the command, as it is typed.
         environment: of it.
         folder: that it runs in.
 
@@ -24,11 +25,11 @@ class Terminal:
         text: what it has printed. process: of the command.
     """
 
-    def __init__(self, words: Sequence[str], environment: dict[str, str], folder: Path) -> None:
+    def __init__(self, line: str, environment: dict[str, str], folder: Path) -> None:
         self._handle, end = pty.openpty()
         self.text = ""
         self.process = subprocess.Popen(
-            words, stdin=end, stdout=end, stderr=end, env=environment, cwd=folder, start_new_session=True
+            ["bash", "-c", line], stdin=end, stdout=end, stderr=end, env=environment, cwd=folder, start_new_session=True
         )
         os.close(end)
 
@@ -57,7 +58,12 @@ class Terminal:
         """Press Enter."""
         os.write(self._handle, b"\n")
 
-    def end(self, timeout_s: float) -> int:
-        """Read on to the end of the command; return its exit code."""
+    def end(self, signal_number: int = signal.SIGINT) -> None:
+        """Press Ctrl-C, or send another signal."""
+        if self.process.poll() is None:
+            os.killpg(self.process.pid, signal_number)
+
+    def wait(self, timeout_s: float) -> int:
+        """Read on to the end of the command, for a time [s] at most; return its exit code."""
         self.read_until((), timeout_s)
         return self.process.wait(timeout_s)

@@ -235,11 +235,13 @@ class VirtualCell:
 
     def samples(self) -> tuple[ModelSample, ...]:
         """What tendon/state would carry now."""
-        return tuple(ModelSample(self.now_ns, s.length, s.speed, s.tension) for s in self.controller.snapshots())
+        return tuple(
+            ModelSample(self.now_ns, s.pulled_length_m, s.speed, s.tension) for s in self.controller.snapshots()
+        )
 
-    def pulled_m(self) -> Mapping[str, float]:
+    def pulled_length_m(self) -> Mapping[str, float]:
         """How far each tendon is pulled now [m], as a movement's result says it."""
-        return {drive.tendon: drive.length for drive in self.controller.snapshots()}
+        return {drive.tendon: drive.pulled_length_m for drive in self.controller.snapshots()}
 
     def cycle(self) -> None:
         """Live one driver period."""
@@ -276,10 +278,10 @@ class VirtualCell:
         self.cycle()
         samples = self.samples()
         predictions = self.session.predict(samples, SLOTS)
-        pulled = tuple(sample.pulled_length for sample in samples)
+        pulled = tuple(sample.pulled_length_m for sample in samples)
         free = FreeMotion(
             stamp_ns=self.now_ns,
-            pulled_m=pulled,
+            pulled_length_m=pulled,
             tension_n=tuple(prediction.tension for prediction in predictions),
             tip_m=tuple(prediction.tip for prediction in predictions),
             friction_model=self.session.configuration.friction_id,
@@ -298,7 +300,7 @@ class VirtualCell:
         ticket = self.move(settings.length_m, settings.speed_m_per_s, settings.tension_limit_n)
         while self.controller.result(ticket)[0] is None:
             closing.observe(self.observe())
-        closing.end(self.pulled_m())
+        closing.end(self.pulled_length_m())
         self.open()
         return closing.judge()
 
@@ -401,7 +403,7 @@ class VirtualCell:
                     MoveRequest(
                         SLOTS,
                         MoveMode.LENGTH,
-                        [max(0.0, s.length) for s in self.controller.snapshots()],
+                        [max(0.0, s.pulled_length_m) for s in self.controller.snapshots()],
                         OPEN_M_PER_S,
                         LIMIT_N,
                     ),

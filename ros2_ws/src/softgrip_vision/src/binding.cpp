@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Thin private binding of softgrip_vision._core; the typed faces are colour.py, spots.py, looks.py,
+// Thin private binding of softgrip_vision._core; the typed faces are colour.py, spots.py, appearance.py,
 // calibration.py and chain.py. A call takes microseconds: the interpreter lock is kept.
 #include <pybind11/eigen.h>
 #include <pybind11/numpy.h>
@@ -16,9 +16,9 @@
 #include <utility>
 #include <vector>
 
+#include "softgrip/vision/appearance.hpp"
 #include "softgrip/vision/chain.hpp"
 #include "softgrip/vision/image.hpp"
-#include "softgrip/vision/looks.hpp"
 #include "softgrip/vision/plane.hpp"
 #include "softgrip/vision/spots.hpp"
 
@@ -201,7 +201,7 @@ void bind_spots(py::module_& module) {
              py::arg("area_range_px"));
 }
 
-void bind_looks(py::module_& module) {
+void bind_appearance(py::module_& module) {
   module.def("colours_at", &colours_at, py::arg("image"), py::arg("centres_px"));
   module.def("surrounds", &surrounds, py::arg("image"), py::arg("centres_px"), py::arg("radii_px"),
              py::arg("body_is_brighter"));
@@ -315,7 +315,7 @@ void bind_chain(py::module_& module) {
 PYBIND11_MODULE(_core, module) {
   module.doc() = "Private core of softgrip_vision.";
   bind_spots(module);
-  bind_looks(module);
+  bind_appearance(module);
   bind_plane(module);
   bind_chain(module);
 }

@@ -19,13 +19,13 @@ constexpr double kCorrelatedPixels = 4.0;
 constexpr double kPlateauQuantile = 0.75;
 // Every so many background rows and columns tell level and noise well enough; so few samples tell nothing.
 constexpr int kBackgroundStride = 2;
-constexpr std::size_t kFewestSamples = 8;
+constexpr std::size_t kMinSamples = 8;
 // A component of fewer pixels is a speck.
-constexpr double kFewestPixels = 4.0;
+constexpr double kMinPixels = 4.0;
 // [px] Margin around a component's box that its edge ramp reaches into.
 constexpr int kMargin = 2;
 // A spot rises so many deviations of the noise above its surroundings at least.
-constexpr double kLeastHeight = 3.0;
+constexpr double kMinHeight = 3.0;
 // [px] The centre is never better known than this (pixel response, chroma subsampling).
 constexpr double kCentreFloor_px = 0.03;
 // A normal distribution's standard deviation over its median absolute deviation.
@@ -61,7 +61,7 @@ std::vector<Spot> SpotFinder::find(const Image& image, const Window& window, con
     const bool whole =
         component.left > 0 && component.top > 0 && component.right < width_ && component.bottom < height_;
     const bool fits =
-        std::max(kFewestPixels, 0.5 * area.smallest_px) <= component.area && component.area <= 2.0 * area.largest_px;
+        std::max(kMinPixels, 0.5 * area.smallest_px) <= component.area && component.area <= 2.0 * area.largest_px;
     if (!whole || !fits) continue;
     if (!around) around = background();
     std::optional<Spot> spot = measure(component, *around);
@@ -82,7 +82,7 @@ SpotFinder::Background SpotFinder::background() {
       if (components_.mask()[begin + column] == 0) values_.push_back(signal_[begin + column]);
     }
   }
-  if (values_.size() < kFewestSamples) return {0.0, kRoundingNoise};
+  if (values_.size() < kMinSamples) return {0.0, kRoundingNoise};
   const float level = quantile_(values_, 0.5);
   for (float& value : values_) value = std::abs(value - level);
   return {level, std::max(kRoundingNoise, kDeviationOfMedian * quantile_(values_, 0.5))};
@@ -103,7 +103,7 @@ double SpotFinder::plateau(const Component& component) {
 // A component as a spot, its place from the window's corner; none when it does not rise above the noise.
 std::optional<Spot> SpotFinder::measure(const Component& component, const Background& background) {
   const double height = plateau(component) - background.level;
-  if (height <= kLeastHeight * background.noise) return std::nullopt;
+  if (height <= kMinHeight * background.noise) return std::nullopt;
   const Window box = box_of(component, width_, height_);
   const double slope = 1.0 / ((kRampHigh - kRampLow) * height);
   const double foot = background.level + kRampLow * height;

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softgrip_testing.synthetic_images import SyntheticScene
-from softgrip_vision.frame import decode, thumbnail, thumbnail_of
+from softgrip_vision.encoded_image import decode, thumbnail, thumbnail_of
 from softgrip_vision.still import REST_AFTER_S, StillWatch
 
 PERIOD_S, REST_PERIOD_S = 0.05, 0.2

@@ -86,7 +86,7 @@ class TensionControl:
 
     def is_near_end(self, slot: int, contact: FingerContact) -> bool:
         """Return whether a finger has closed as far as it may, but for what a drive leaves."""
-        return contact.pulled_m >= self._task.paths_m[slot] - self._settings.reach_m
+        return contact.pulled_length_m >= self._task.paths_m[slot] - self._settings.reach_m
 
     def close(self, slots: Sequence[int]) -> Close:
         """Close these fingers along their paths, with a tension that the product bears wherever they meet it."""
@@ -151,7 +151,7 @@ class TensionControl:
         if order.contact is None:
             return False
         gained_n = contact.contact_tension_n - order.contact.contact_tension_n
-        moved_m = contact.pulled_m - order.contact.pulled_m
+        moved_m = contact.pulled_length_m - order.contact.pulled_length_m
         return moved_m >= self._settings.yield_m and gained_n <= self._settings.yield_share * self._holding_n(slot)
 
     def was_commanded_within(self, span_s: float, now_ns: int) -> bool:

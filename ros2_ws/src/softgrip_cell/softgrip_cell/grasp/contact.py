@@ -60,7 +60,7 @@ class FingerContact:
 
     Attributes:
         state: see ContactState.
-        pulled_m: pulled length [m].
+        pulled_length_m: pulled length [m].
         tension_n: measured [N].
         free_n: expected of this very finger in this closing if it touched nothing [N].
         contact_tension_n: their difference [N].
@@ -78,7 +78,7 @@ class FingerContact:
     """
 
     state: ContactState
-    pulled_m: float
+    pulled_length_m: float
     tension_n: float
     free_n: float
     contact_tension_n: float
@@ -180,7 +180,7 @@ class CreepFilter:
     def __init__(self, settings: GraspSettings) -> None:
         self._settings = settings
         self._first_n: deque[float] = deque(maxlen=settings.creep_samples)
-        self._pulled_m: float | None = None
+        self._pulled_length_m: float | None = None
         self.value_n = 0.0
         self.variance_n2 = 0.0
 
@@ -188,16 +188,16 @@ class CreepFilter:
         """Take a difference [N] of measured and expected tension from where no contact is looked for yet."""
         self._first_n.append(difference_n)
 
-    def follow(self, difference_n: float, pulled_m: float, variance_n2: float, threshold_n: float) -> None:
+    def follow(self, difference_n: float, pulled_length_m: float, variance_n2: float, threshold_n: float) -> None:
         """Correct the creep by a difference [N] of measured and expected tension, with its variance [N^2]."""
         settings = self._settings
-        if self._pulled_m is None:
+        if self._pulled_length_m is None:
             self._first_n.append(difference_n)
             self.value_n = min(settings.max_creep_n, max(settings.min_creep_n, median(self._first_n)))
             self.variance_n2 = variance_n2
-            self._pulled_m = pulled_m
-        travel_m = pulled_m - self._pulled_m
-        self._pulled_m = max(self._pulled_m, pulled_m)
+            self._pulled_length_m = pulled_length_m
+        travel_m = pulled_length_m - self._pulled_length_m
+        self._pulled_length_m = max(self._pulled_length_m, pulled_length_m)
         innovation_n = difference_n - self.value_n
         if travel_m <= 0.0:
             return
@@ -228,10 +228,10 @@ class LateDrive:
         """Usual interval of the samples [s]."""
         return median(self._intervals_s) if self._intervals_s else FIRST_PERIOD_S
 
-    def observe(self, now_ns: int, pulled_m: Sequence[float]) -> None:
+    def observe(self, now_ns: int, pulled_length_m: Sequence[float]) -> None:
         """Take a sample's stamp and pulled lengths [m]."""
         if self._last is None:
-            self.stddev_n = (0.0,) * len(pulled_m)
+            self.stddev_n = (0.0,) * len(pulled_length_m)
         else:
             before_ns, before_m = self._last
             interval_s = to_s(now_ns - before_ns)
@@ -243,9 +243,9 @@ class LateDrive:
                     kept * stddev_n,
                     self._settings.drive_stiffness_n_per_m * abs(now_m - then_m) * late_s / interval_s,
                 )
-                for stddev_n, now_m, then_m in zip(self.stddev_n, pulled_m, before_m, strict=True)
+                for stddev_n, now_m, then_m in zip(self.stddev_n, pulled_length_m, before_m, strict=True)
             )
-        self._last = (now_ns, tuple(pulled_m))
+        self._last = (now_ns, tuple(pulled_length_m))
 
 
 class TipTest:
@@ -282,7 +282,7 @@ class TipTest:
         deviation_m = math.dist(tip.tip_m, pair.free.tip_m[slot])
         if math.isfinite(deviation_m):
             level = self._settings.decision_level(period_s)
-            is_checked = pair.sample.pulled_m[slot] <= self._references[slot].reach_m
+            is_checked = pair.sample.pulled_length_m[slot] <= self._references[slot].reach_m
             max_m = self._settings.tip_m * (1.0 if is_checked else self._settings.tip_unchecked_factor)
             camera_m = tip.stddev_m if math.isfinite(tip.stddev_m) else 0.0
             variance_m2 = max_m**2 / (2.0 * level) + camera_m**2
@@ -351,7 +351,7 @@ class ContactEstimator:
             commanded: slots that keep a tension: their motion is not free, their creep stays as it is.
         """
         self._tips.predict(pair)
-        self._late.observe(pair.sample.stamp_ns, pair.sample.pulled_m)
+        self._late.observe(pair.sample.stamp_ns, pair.sample.pulled_length_m)
         deflected = self._tips.deflected(pair.sample.stamp_ns)
         return tuple(
             self._estimate_slot(slot, pair, slot not in commanded, slot in deflected)
@@ -364,20 +364,22 @@ class ContactEstimator:
 
     def _estimate_slot(self, slot: int, pair: ObservedPair, is_closing: bool, is_deflected: bool) -> FingerContact:
         settings, reference, creep, test = self._settings, self._references[slot], self._creep[slot], self._tests[slot]
-        pulled_m, tension_n = pair.sample.pulled_m[slot], pair.sample.tension_n[slot]
+        pulled_length_m, tension_n = pair.sample.pulled_length_m[slot], pair.sample.tension_n[slot]
         predicted_n = pair.free.tension_n[slot]
-        self._follow_tip(slot, pair.free.pulled_m[slot], pair.free.tip_m[slot])
+        self._follow_tip(slot, pair.free.pulled_length_m[slot], pair.free.tip_m[slot])
         # Beyond the checked path the fingers press on something or stand at their stops: the table's end has to do.
-        within = pulled_m <= reference.reach_m and math.isfinite(predicted_n)
-        free_n = max(0.0, predicted_n + reference.offset(pulled_m)) if within else reference.tension(pulled_m)
-        punctual_n = self._model_stddev_n(slot, pulled_m, free_n)
+        within = pulled_length_m <= reference.reach_m and math.isfinite(predicted_n)
+        free_n = (
+            max(0.0, predicted_n + reference.offset(pulled_length_m)) if within else reference.tension(pulled_length_m)
+        )
+        punctual_n = self._model_stddev_n(slot, pulled_length_m, free_n)
         late_n, period_s = self._late.stddev_n[slot], self._late.period_s
         model_n = math.hypot(punctual_n, late_n)
-        is_judged = pulled_m >= settings.contact_from_m
+        is_judged = pulled_length_m >= settings.contact_from_m
         if within and is_closing and is_judged:
             max_n = threshold(settings, reference.stddev_n, model_n, period_s)
             # What the table lacks stays so for the next samples: it is for the creep to follow.
-            creep.follow(tension_n - free_n, pulled_m, math.hypot(reference.stddev_n, late_n) ** 2, max_n)
+            creep.follow(tension_n - free_n, pulled_length_m, math.hypot(reference.stddev_n, late_n) ** 2, max_n)
         elif within and is_closing:
             creep.prepare(tension_n - free_n)
         free_n = max(0.0, free_n + creep.value_n)
@@ -388,12 +390,12 @@ class ContactEstimator:
             test.observe(pair.sample.stamp_ns, contact_tension_n, reference.stddev_n, model_n, period_s)
         else:
             test.clear()
-        is_short = pulled_m <= self._paths_m[slot] - settings.min_blockage_m
-        is_at_end = pulled_m >= self._paths_m[slot]
+        is_short = pulled_length_m <= self._paths_m[slot] - settings.min_blockage_m
+        is_at_end = pulled_length_m >= self._paths_m[slot]
         is_deflected = is_deflected and is_judged
         return FingerContact(
             state=_state(is_judged, test.is_decided or is_deflected, is_short, is_at_end),
-            pulled_m=pulled_m,
+            pulled_length_m=pulled_length_m,
             tension_n=tension_n,
             free_n=free_n,
             contact_tension_n=contact_tension_n,
@@ -410,23 +412,23 @@ class ContactEstimator:
             is_at_end=is_at_end,
         )
 
-    def _model_stddev_n(self, slot: int, pulled_m: float, free_n: float) -> float:
+    def _model_stddev_n(self, slot: int, pulled_length_m: float, free_n: float) -> float:
         """Standard deviation of what the free tension may be off by, beside the creep's and a late drive's [N]."""
         settings, reference = self._settings, self._references[slot]
-        near_end = pulled_m > reference.reach_m - settings.end_m
+        near_end = pulled_length_m > reference.reach_m - settings.end_m
         share = settings.end_error_share if near_end else settings.model_error_share
-        length_n = settings.length_error_m * reference.slope(pulled_m)
+        length_n = settings.length_error_m * reference.slope(pulled_length_m)
         return math.hypot(share * free_n, length_n)
 
-    def _follow_tip(self, slot: int, pulled_m: float, tip_m: tuple[float, float]) -> None:
+    def _follow_tip(self, slot: int, pulled_length_m: float, tip_m: tuple[float, float]) -> None:
         anchor = self._anchors[slot]
         if anchor is None:
-            self._anchors[slot] = (pulled_m, tip_m)
-        elif abs(pulled_m - anchor[0]) >= self._settings.lever_step_m:
+            self._anchors[slot] = (pulled_length_m, tip_m)
+        elif abs(pulled_length_m - anchor[0]) >= self._settings.lever_step_m:
             path_m = math.dist(tip_m, anchor[1])
             if math.isfinite(path_m) and path_m > 0.0:
-                self._levers[slot] = path_m / abs(pulled_m - anchor[0])
-            self._anchors[slot] = (pulled_m, tip_m)
+                self._levers[slot] = path_m / abs(pulled_length_m - anchor[0])
+            self._anchors[slot] = (pulled_length_m, tip_m)
 
 
 def _state(is_judged: bool, is_touching: bool, is_short: bool, is_at_end: bool) -> ContactState:

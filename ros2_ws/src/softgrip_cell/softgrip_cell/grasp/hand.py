@@ -74,7 +74,7 @@ class MotionHistory:
         before = next((contacts for at_ns, contacts in reversed(self._rows) if at_ns <= then_ns), None)
         if before is None:
             return (math.inf,) * len(last)
-        return tuple(abs(now.pulled_m - then.pulled_m) for now, then in zip(last, before, strict=True))
+        return tuple(abs(now.pulled_length_m - then.pulled_length_m) for now, then in zip(last, before, strict=True))
 
     def motion_m(self, within_s: float) -> float:
         """Return how far the finger that went farthest has moved lately [m]."""

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from softgrip_cell.errors import CatalogueError
+from softgrip_cell.yaml_fields import with_present_names
 
 #: Distance of the table's rows [m].
 BIN_M: Final = 0.001
@@ -31,7 +32,7 @@ class FreeReference:
     """Table of measured minus predicted tension over pulled length.
 
     Attributes:
-        pulled_m: rows, rising [m].
+        pulled_length_m: rows, rising [m].
         offset_n: mean difference [N].
         tension_n: mean tension measured [N].
         stddev_n: one standard deviation of a single sample about the table [N].
@@ -39,7 +40,7 @@ class FreeReference:
         friction_digest: of its numbers; a model with another one makes the table void.
     """
 
-    pulled_m: tuple[float, ...]
+    pulled_length_m: tuple[float, ...]
     offset_n: tuple[float, ...]
     tension_n: tuple[float, ...]
     stddev_n: float
@@ -47,13 +48,13 @@ class FreeReference:
     friction_digest: str = ""
 
     def __post_init__(self) -> None:
-        rows = len(self.pulled_m)
+        rows = len(self.pulled_length_m)
         if not rows or len(self.offset_n) != rows or len(self.tension_n) != rows:
             raise CatalogueError(
                 f"free reference: expected {rows or 'one or more'} rows in every column, found {len(self.offset_n)} "
                 f"offsets and {len(self.tension_n)} tensions"
             )
-        if any(b <= a for a, b in pairwise(self.pulled_m)) or not all(
+        if any(b <= a for a, b in pairwise(self.pulled_length_m)) or not all(
             map(math.isfinite, (*self.offset_n, *self.tension_n, self.stddev_n))
         ):
             raise CatalogueError("free reference: expected rising rows and finite offsets; check the finger again")
@@ -61,31 +62,31 @@ class FreeReference:
     @property
     def reach_m(self) -> float:
         """Longest pulled length that was checked [m]."""
-        return self.pulled_m[-1]
+        return self.pulled_length_m[-1]
 
-    def offset(self, pulled_m: float) -> float:
+    def offset(self, pulled_length_m: float) -> float:
         """Return the difference to expect at a pulled length [N]; the outermost rows hold beyond the table."""
-        return float(np.interp(pulled_m, self.pulled_m, self.offset_n))
+        return float(np.interp(pulled_length_m, self.pulled_length_m, self.offset_n))
 
-    def tension(self, pulled_m: float) -> float:
+    def tension(self, pulled_length_m: float) -> float:
         """Return the tension of the free motion at a pulled length [N]."""
-        return float(np.interp(pulled_m, self.pulled_m, self.tension_n))
+        return float(np.interp(pulled_length_m, self.pulled_length_m, self.tension_n))
 
-    def slope(self, pulled_m: float) -> float:
+    def slope(self, pulled_length_m: float) -> float:
         """Return how fast the tension of the free motion rises at a pulled length [N/m]."""
-        return max(0.0, float(np.interp(pulled_m, self.pulled_m, self._slopes)))
+        return max(0.0, float(np.interp(pulled_length_m, self.pulled_length_m, self._slopes)))
 
     @cached_property
     def _slopes(self) -> NDArray[np.float64]:
         """Slope at each row [N/m]."""
-        if len(self.pulled_m) < 2:
+        if len(self.pulled_length_m) < 2:
             return np.zeros(1)
-        return np.asarray(np.gradient(np.asarray(self.tension_n), np.asarray(self.pulled_m)), dtype=np.float64)
+        return np.asarray(np.gradient(np.asarray(self.tension_n), np.asarray(self.pulled_length_m)), dtype=np.float64)
 
     def document(self) -> dict[str, Any]:
         """Return plain data for storage."""
         return {
-            "pulled_m": list(self.pulled_m),
+            "pulled_length_m": list(self.pulled_length_m),
             "offset_n": list(self.offset_n),
             "tension_n": list(self.tension_n),
             "stddev_n": self.stddev_n,
@@ -95,19 +96,20 @@ class FreeReference:
 
     @staticmethod
     def from_document(document: Mapping[str, Any]) -> FreeReference:
-        """Read what document() wrote."""
+        """Read what document() wrote, also under its former names."""
+        present: dict[str, Any] = with_present_names(dict(document))
         return FreeReference(
-            pulled_m=tuple(document["pulled_m"]),
-            offset_n=tuple(document["offset_n"]),
-            tension_n=tuple(document["tension_n"]),
-            stddev_n=float(document["stddev_n"]),
-            friction_model=str(document["friction_model"]),
-            friction_digest=str(document.get("friction_digest", "")),  # tables of older releases have none
+            pulled_length_m=tuple(present["pulled_length_m"]),
+            offset_n=tuple(present["offset_n"]),
+            tension_n=tuple(present["tension_n"]),
+            stddev_n=float(present["stddev_n"]),
+            friction_model=str(present["friction_model"]),
+            friction_digest=str(present.get("friction_digest", "")),  # tables of older releases have none
         )
 
 
 def learn_reference(
-    pulled_m: ArrayLike,
+    pulled_length_m: ArrayLike,
     measured_n: ArrayLike,
     predicted_n: ArrayLike,
     friction_model: str,
@@ -116,7 +118,7 @@ def learn_reference(
     """Build the table from an empty closing.
 
     Args:
-        pulled_m: pulled length of each sample [m].
+        pulled_length_m: pulled length of each sample [m].
         measured_n: tension measured [N].
         predicted_n: tension predicted [N].
         friction_model: id used by the predictor.
@@ -125,7 +127,7 @@ def learn_reference(
     Raises:
         CatalogueError: too few samples for a single row.
     """
-    lengths = np.asarray(pulled_m, dtype=float)
+    lengths = np.asarray(pulled_length_m, dtype=float)
     measured = np.asarray(measured_n, dtype=float)
     difference = measured - np.asarray(predicted_n, dtype=float)
     rows = np.round(lengths / BIN_M).astype(int)

@@ -163,7 +163,7 @@ class GraspSequence:
     # --- since when: conditions of TABLE, in its order ---------------------------------------------------------------
 
     def _since_open(self) -> int | None:
-        is_open = all(contact.pulled_m <= self._settings.open_m for contact in self._contacts)
+        is_open = all(contact.pulled_length_m <= self._settings.open_m for contact in self._contacts)
         return self._now if is_open else None
 
     def _since_timeout(self) -> int | None:
@@ -357,7 +357,7 @@ class GraspSequence:
         name = min((name for name in self._task.slots if run_of[name]), key=lambda each: run_of[each] or [])
         contact = self._contacts[self._task.slots.index(name)]
         return (
-            f"tendon {name} pulls nothing: expected {contact.free_n:.1f} N at {contact.pulled_m * 1e3:.1f} mm, "
+            f"tendon {name} pulls nothing: expected {contact.free_n:.1f} N at {contact.pulled_length_m * 1e3:.1f} mm, "
             f"found {contact.tension_n:.1f} N; look for a broken or unhooked cable"
         )
 
@@ -385,8 +385,8 @@ class GraspSequence:
         if pair.free.objection:
             return pair.free.objection
         within = [
-            pulled_m <= reference.reach_m
-            for pulled_m, reference in zip(pair.sample.pulled_m, self._task.references, strict=True)
+            pulled_length_m <= reference.reach_m
+            for pulled_length_m, reference in zip(pair.sample.pulled_length_m, self._task.references, strict=True)
         ]
         return "; ".join(text for text, needed in zip(pair.free.objections, within, strict=True) if text and needed)
 

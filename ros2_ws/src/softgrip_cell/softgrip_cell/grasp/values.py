@@ -121,5 +121,5 @@ def contact_text(slots: tuple[str, ...], contacts: tuple[FingerContact, ...]) ->
 
 def pulled_text(slots: tuple[str, ...], contacts: tuple[FingerContact, ...]) -> str:
     """Return the pulled length of every finger in words."""
-    parts = [f"{name} {contact.pulled_m * 1e3:.1f}" for name, contact in zip(slots, contacts, strict=False)]
+    parts = [f"{name} {contact.pulled_length_m * 1e3:.1f}" for name, contact in zip(slots, contacts, strict=False)]
     return "pulled length [mm] " + ", ".join(parts)

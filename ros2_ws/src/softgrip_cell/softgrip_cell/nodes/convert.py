@@ -122,7 +122,7 @@ def free_motion(message: FingerStates, slots: Sequence[str], profiles: Sequence[
     ]
     return FreeMotion(
         stamp_ns=stamp_ns,
-        pulled_m=tuple(float(finger.pulled_length) for finger in ordered),
+        pulled_length_m=tuple(float(finger.pulled_length) for finger in ordered),
         tension_n=tuple(float(finger.tension) for finger in ordered),
         tip_m=tuple((float(finger.tip.x), float(finger.tip.y)) for finger in ordered),
         friction_model=message.friction_model,
@@ -263,7 +263,7 @@ def finger_record_entry(record: FingerRecord, check: Any | None) -> FingerRecord
         cycle_limit=record.cycle_limit,
         calibrated=record.calibrated.isoformat() if record.calibrated else "",
         objection=record.objection() or "",
-        check_lengths=list(reference.pulled_m) if reference else [],
+        check_lengths=list(reference.pulled_length_m) if reference else [],
         check_tensions=list(reference.tension_n) if reference else [],
     )
 
@@ -305,7 +305,7 @@ def grasp_feedback(step: GraspStep, sample: TendonSample | None) -> Grasp.Feedba
     """Return where a grasp stands; ``sample`` is the last one, None before the first."""
     return Grasp.Feedback(
         phase=GRASP_PHASES[step.phase],
-        pulled_lengths=list(sample.pulled_m) if sample else [],
+        pulled_lengths=list(sample.pulled_length_m) if sample else [],
         tensions=list(sample.tension_n) if sample else [],
         contact=step.contact,
     )
@@ -319,7 +319,7 @@ def grasp_result(verdict: GraspVerdict, sample: TendonSample | None, duration_s:
         decision=grasp_evidence(verdict.evidence) if verdict.evidence else EvidenceMessage(),
         latency=float(verdict.latency_s),
         duration=float(duration_s),
-        pulled_lengths=list(sample.pulled_m) if sample else [],
+        pulled_lengths=list(sample.pulled_length_m) if sample else [],
         tensions=list(sample.tension_n) if sample else [],
     )
 

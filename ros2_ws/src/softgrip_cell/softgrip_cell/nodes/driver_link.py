@@ -24,7 +24,7 @@ class MoveEnd:
 
     outcome: int
     reason: str
-    pulled_m: Mapping[str, float] = field(default_factory=dict)
+    pulled_length_m: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def is_good(self) -> bool:
@@ -156,8 +156,8 @@ class DriverLink:
 
         def on_result(future: Any) -> None:
             result = future.result().result
-            pulled_m = dict(zip(result.tendons, result.pulled_lengths, strict=False))
-            self._finish(movement, MoveEnd(result.outcome, result.reason, pulled_m))
+            pulled_length_m = dict(zip(result.tendons, result.pulled_lengths, strict=False))
+            self._finish(movement, MoveEnd(result.outcome, result.reason, pulled_length_m))
 
         def on_goal(future: Any) -> None:
             handle = future.result()

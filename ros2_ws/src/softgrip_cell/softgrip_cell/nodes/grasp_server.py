@@ -13,7 +13,7 @@ from softgrip_cell.errors import CellError
 from softgrip_cell.grasp.commands import Close
 from softgrip_cell.grasp.sequence import GraspSequence, GraspStep
 from softgrip_cell.grasp.settings import GraspSettings
-from softgrip_cell.grasp.values import GraspOutcome, GraspPhase, GraspVerdict
+from softgrip_cell.grasp.values import GraspOutcome, GraspPhase, GraspTask, GraspVerdict
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.driver_link import DriverLink, MoveEnd
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
@@ -44,7 +44,7 @@ class GraspServer:
 
     @property
     def active(self) -> bool:
-        """Whether a grasp is going on, or is about to begin."""
+        """Whether a grasp is about to begin, goes on, or has an end that the cell does not know yet."""
         return self._is_active
 
     def observe_sample(self, sample: TendonSample) -> None:
@@ -95,7 +95,6 @@ class GraspServer:
         self._sequence = GraspSequence(task, self._settings)
         self._do(self._sequence.start())
         verdict: GraspVerdict = await self._node_io.wait_for("grasp", self._done)
-        self._is_active = False
         duration_s = self._cell.now_s() - started_s
         if goal_handle.is_cancel_requested:
             goal_handle.canceled()
@@ -105,8 +104,15 @@ class GraspServer:
             goal_handle.succeed()
         result = convert.grasp_result(verdict, self._sample, duration_s)
         # After the result has gone out: writing to disk must not delay it.
-        self._node_io.create_task(self._cell.end_grasp, task, verdict, duration_s)
+        self._node_io.create_task(self._finish, task, verdict, duration_s)
         return result
+
+    def _finish(self, task: GraspTask, verdict: GraspVerdict, duration_s: float) -> None:
+        """Write down what came of the grasp; only then it is known whether the tendons go on holding something."""
+        try:
+            self._cell.end_grasp(task, verdict, duration_s)
+        finally:
+            self._is_active = False
 
     async def _owned(self, goal_handle: GoalHandle) -> str:
         """Become the owner of the tendons; returns why not."""

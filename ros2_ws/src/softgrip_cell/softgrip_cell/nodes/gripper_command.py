@@ -124,7 +124,7 @@ class GripperCommandNode(CellNode):
         self._cell: CellState | None = None
         self._safety: SafetyState | None = None
         self._silence = StreamSilence(round(values["silence_s"] / LOOK_S))
-        self._pulled_m: dict[str, float] = {}
+        self._pulled_length_m: dict[str, float] = {}
         self._stream = CommandStream(values["goal_tolerance_m"])
         io = NodeIo(self)
         self._io = io
@@ -220,15 +220,15 @@ class GripperCommandNode(CellNode):
         if sample is None or self._opening is None or not set(self._opening.clearances) <= set(self._slots):
             return
         self._silence.hear()
-        self._pulled_m = dict(zip(self._slots, sample.pulled_m, strict=True))
+        self._pulled_length_m = dict(zip(self._slots, sample.pulled_length_m, strict=True))
         at = {name: k for k, name in enumerate(message.name)}
         speeds_m_s = {
             slot: message.velocity[at[slot]] if len(message.velocity) > at[slot] else 0.0 for slot in self._slots
         }
         gripper = GripperSample(
             time_s=to_s(sample.stamp_ns),
-            position_m=self._opening.opening_m(self._pulled_m),
-            velocity_m_s=self._opening.velocity_m_s(self._pulled_m, speeds_m_s),
+            position_m=self._opening.opening_m(self._pulled_length_m),
+            velocity_m_s=self._opening.velocity_m_s(self._pulled_length_m, speeds_m_s),
             effort_n=max(sample.tension_n),
         )
         self._joints.publish(
@@ -375,7 +375,7 @@ class GripperCommandNode(CellNode):
             self._server.hold("expected tendon/state, found none; the fingers hold where they are")
         if self._server.is_active or not self._lease.token:
             return
-        is_open = all(abs(pulled_m) < OPEN_M for pulled_m in self._pulled_m.values())
+        is_open = all(abs(pulled_length_m) < OPEN_M for pulled_length_m in self._pulled_length_m.values())
         if self._lease.is_requested:
             self._lease.hand_over()
         elif is_open and self._io.monotonic_s() - self._stream.changed_s > self._values["lease_s"]:

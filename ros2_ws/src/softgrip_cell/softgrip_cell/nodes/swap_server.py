@@ -253,14 +253,14 @@ class SwapServer:
 
         def ended(end: MoveEnd) -> None:
             if end.is_good:
-                _resolve(done, end.pulled_m)
+                _resolve(done, end.pulled_length_m)
             else:
                 self._interrupt(SwapOutcome.FAILED, f"tendon/move to {target_m * 1e3:.1f} mm: {end.reason}")
 
         targets_m = [target_m] * len(self._slots)
         self._driver.move(self._slots, targets_m, speed_m_per_s, self._settings.tension_limit_n, ended)
-        pulled_m: Mapping[str, float] = await self._wait(done)
-        return pulled_m
+        pulled_length_m: Mapping[str, float] = await self._wait(done)
+        return pulled_length_m
 
     async def _owned(self) -> None:
         """Become the owner of the tendons; the driver's words say whose they are."""

@@ -95,26 +95,26 @@ class FingerCheck:
 class _Trace:
     """One finger's closing where it can be compared: pulled length [m], tension measured and predicted [N]."""
 
-    pulled_m: NDArray[np.float64]
+    pulled_length_m: NDArray[np.float64]
     measured_n: NDArray[np.float64]
     predicted_n: NDArray[np.float64]
 
     def smooth(self) -> _Trace:
         """Return the medians over every SMOOTH_M of pulled length, to which one late or noisy sample means nothing."""
-        places = np.floor(self.pulled_m / SMOOTH_M).astype(int)
-        columns = np.stack([self.pulled_m, self.measured_n, self.predicted_n])
+        places = np.floor(self.pulled_length_m / SMOOTH_M).astype(int)
+        columns = np.stack([self.pulled_length_m, self.measured_n, self.predicted_n])
         return _Trace(*np.array([np.median(columns[:, places == place], axis=1) for place in np.unique(places)]).T)
 
     def before_stops(self, reach_m: float) -> _Trace:
         """Return the closing up to where the prediction has a groove close, or up to `reach_m` at least."""
-        order = np.argsort(self.pulled_m)
-        lengths = np.arange(self.pulled_m.min(), self.pulled_m.max(), 0.5 * SMOOTH_M)
-        rises = np.diff(np.interp(lengths, self.pulled_m[order], self.predicted_n[order]))
+        order = np.argsort(self.pulled_length_m)
+        lengths = np.arange(self.pulled_length_m.min(), self.pulled_length_m.max(), 0.5 * SMOOTH_M)
+        rises = np.diff(np.interp(lengths, self.pulled_length_m[order], self.predicted_n[order]))
         steep = np.flatnonzero(rises > STOP_STEEPNESS * np.median(rises)) if len(rises) else np.zeros(0, dtype=int)
         if not len(steep):
             return self
-        free = self.pulled_m <= max(float(lengths[steep[0]]) - STOP_MARGIN_M, reach_m)
-        return _Trace(self.pulled_m[free], self.measured_n[free], self.predicted_n[free])
+        free = self.pulled_length_m <= max(float(lengths[steep[0]]) - STOP_MARGIN_M, reach_m)
+        return _Trace(self.pulled_length_m[free], self.measured_n[free], self.predicted_n[free])
 
     @property
     def ratio(self) -> float:
@@ -129,8 +129,8 @@ class _Trace:
 
     def change(self, earlier: FreeReference) -> float:
         """Tension now over the tension of an earlier check, by least squares."""
-        within = self.pulled_m <= earlier.reach_m
-        before = np.interp(self.pulled_m[within], earlier.pulled_m, earlier.tension_n)
+        within = self.pulled_length_m <= earlier.reach_m
+        before = np.interp(self.pulled_length_m[within], earlier.pulled_length_m, earlier.tension_n)
         return float(self.measured_n[within] @ before / (before @ before)) if within.any() else math.nan
 
 
@@ -162,9 +162,9 @@ class EmptyClosing:
         """Take what the camera saw."""
         self._tips.append(tip)
 
-    def end(self, pulled_m: Mapping[str, float]) -> None:
+    def end(self, pulled_length_m: Mapping[str, float]) -> None:
         """Take where each slot was when the closing ended, by the driver [m]: samples have to reach there."""
-        self._ended_m = dict(pulled_m)
+        self._ended_m = dict(pulled_length_m)
 
     def judge(self) -> Mapping[str, FingerCheck]:
         """Return what was found, per slot."""
@@ -185,7 +185,7 @@ class EmptyClosing:
         try:
             last = self._pairs[-1].free
             reference = learn_reference(
-                trace.pulled_m, trace.measured_n, trace.predicted_n, last.friction_model, last.friction_digest
+                trace.pulled_length_m, trace.measured_n, trace.predicted_n, last.friction_model, last.friction_digest
             )
         except CatalogueError as error:
             return _unseen(name, str(error))
@@ -194,7 +194,7 @@ class EmptyClosing:
     def _trace(self, index: int, ended_m: float) -> tuple[_Trace, str]:
         """Return a slot's comparable samples, and what is missing for a judgement (empty for nothing)."""
         settings = self._settings
-        pulled = np.array([pair.sample.pulled_m[index] for pair in self._pairs])
+        pulled = np.array([pair.sample.pulled_length_m[index] for pair in self._pairs])
         measured = np.array([pair.sample.tension_n[index] for pair in self._pairs])
         predicted = np.array([pair.free.tension_n[index] for pair in self._pairs])
         # Where the grooves close the predicted tension shoots up: nothing can be compared there. Nor where the finger
@@ -204,7 +204,7 @@ class EmptyClosing:
         seen_m = float(pulled.max(initial=0.0))
         samples = int(compared.sum())
         trace = _Trace(pulled[compared], measured[compared], predicted[compared])
-        reach_m = float(trace.pulled_m.max(initial=0.0))
+        reach_m = float(trace.pulled_length_m.max(initial=0.0))
         if seen_m < ended_m - SMOOTH_M:
             expected = f"expected samples of the whole closing, to {ended_m * 1e3:.1f} mm"
             return trace, f"{expected}, found none beyond {seen_m * 1e3:.1f} mm: they were lost on their way"
@@ -252,7 +252,7 @@ class EmptyClosing:
             pair = self._pairs[nearest]
             if abs(int(stamps[nearest]) - tip.stamp_ns) > to_ns(settings.pair_s):
                 continue
-            if pair.sample.pulled_m[index] < settings.from_m:
+            if pair.sample.pulled_length_m[index] < settings.from_m:
                 continue
             distances.append(math.dist(tip.tip_m, pair.free.tip_m[index]))
             spreads.append(tip.stddev_m if math.isfinite(tip.stddev_m) else 0.0)

@@ -50,6 +50,9 @@ from softgrip_model.friction.acceptance import accept
 from softgrip_nodekit import LATCHED, SENSOR, to_time_message
 
 SLOTS = ("index", "middle", "thumb")
+#: Between two looks of the scripted driver at most so much counts as an owner's silence [s]: in a longer pause this
+#: process did not run, and heartbeats wait to be read.
+MAX_LOOK_S = 0.05
 
 
 class Guard:
@@ -72,7 +75,7 @@ class Guard:
         self.requested_by = ""
         self.heartbeats = 0
         self._duration_s = 0.0
-        self._beaten_s = 0.0
+        self._silent_s = self._looked_s = 0.0
         self.publish()
         self._publish_owners()
 
@@ -138,7 +141,7 @@ class Guard:
     def take_lease(self, owner: str, duration_s: float = 60.0) -> None:
         """Give the tendons to somebody, whoever had them."""
         self.lease_token, self.lease_owner = secrets.token_hex(8), owner
-        self._duration_s, self._beaten_s = duration_s, time.monotonic()
+        self._duration_s, self._silent_s = duration_s, 0.0
         self.requested_by = ""
         self._publish_owners()
 
@@ -152,7 +155,10 @@ class Guard:
 
     def watch(self) -> None:
         """End a lease whose owner sends no heartbeats."""
-        if self.lease_token and time.monotonic() - self._beaten_s > self._duration_s:
+        now_s = time.monotonic()
+        self._silent_s += min(now_s - self._looked_s, MAX_LOOK_S)
+        self._looked_s = now_s
+        if self.lease_token and self._silent_s > self._duration_s:
             self.end_lease()
 
     def _on_lease(self, request: Any, response: Any) -> Any:
@@ -172,7 +178,7 @@ class Guard:
     def _on_heartbeat(self, message: Any) -> None:
         if message.token == self.lease_token:
             self.heartbeats += 1
-            self._beaten_s = time.monotonic()
+            self._silent_s = 0.0
 
     def _publish_owners(self) -> None:
         message = TendonOwners(
@@ -244,9 +250,9 @@ class ScriptedDriver(Node):
         message.header.stamp = stamp
         self._friction.publish(message)
 
-    def publish_state(self, pulled_m: Sequence[float]) -> None:
+    def publish_state(self, pulled_length_m: Sequence[float]) -> None:
         """Say once what somebody else's node would: that the tendons are there."""
-        state = JointState(name=list(SLOTS), position=list(pulled_m), velocity=[0.0] * 3, effort=[0.0] * 3)
+        state = JointState(name=list(SLOTS), position=list(pulled_length_m), velocity=[0.0] * 3, effort=[0.0] * 3)
         state.header.stamp = self.get_clock().now().to_msg()
         self._state.publish(state)
 
@@ -358,7 +364,7 @@ class ScriptedDriver(Node):
         stamp = to_time_message(pair.sample.stamp_ns)
         state = JointState(
             name=list(SLOTS),
-            position=list(pair.sample.pulled_m),
+            position=list(pair.sample.pulled_length_m),
             velocity=[0.0] * 3,
             effort=[float(n) for n in pair.sample.tension_n],
         )
@@ -370,7 +376,7 @@ class ScriptedDriver(Node):
                 FingerState(
                     finger=name,
                     profile=self.profile,
-                    pulled_length=pair.free.pulled_m[slot],
+                    pulled_length=pair.free.pulled_length_m[slot],
                     tension=pair.free.tension_n[slot],
                     tip=Point(x=pair.free.tip_m[slot][0], y=pair.free.tip_m[slot][1], z=0.0),
                 )
@@ -399,7 +405,7 @@ class ScriptedDriver(Node):
     def _end_goals(self) -> None:
         for entry in list(self._goals):
             handle, targets, done = entry
-            there = all(self.bench.pulled_m[slot] >= target - 1e-9 for slot, target in targets)
+            there = all(self.bench.pulled_length_m[slot] >= target - 1e-9 for slot, target in targets)
             if handle.is_cancel_requested:
                 self.bench.obey(GraspStep(GraspPhase.DONE, (Stop(),)))
             if there or handle.is_cancel_requested:

@@ -160,7 +160,7 @@ def test_kill_9_in_a_grasp_lets_nobody_grasp_before_the_fingers_were_opened(cell
     assert cell.swap().outcome == SwapFingers.Result.SUCCEEDED
     cell.driver.bench.contact_m = (0.004, 0.004, 0.004)
     if phase == "approach":  # the fingers stand closed, and do not open in time
-        cell.driver.bench.pulled_m = [0.01, 0.01, 0.01]
+        cell.driver.bench.pulled_length_m = [0.01, 0.01, 0.01]
         cell.driver.blocked = {"open"}
     reached = threading.Event()
     client = ActionClient(cell.node, Grasp, "cell/grasp")

@@ -101,7 +101,7 @@ def test_a_swap_locks_the_drives_between_slack_tendons_and_the_closed_palm(cell:
 def test_a_swap_does_not_go_on_with_taut_tendons(cell: Any) -> None:
     cell.start()
     cell.driver.release_fails = "busy"
-    cell.driver.bench.pulled_m = [0.010, 0.0, 0.010]  # 6.7 N by the bench
+    cell.driver.bench.pulled_length_m = [0.010, 0.0, 0.010]  # 6.7 N by the bench
     result = cell.swap()
     assert result.outcome == SwapFingers.Result.FAILED
     assert "tendon/release: busy; tendons index, thumb are taut" in result.reason

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -13,14 +13,16 @@ from stat import S_ISCHR
 
 from softgrip_demo.errors import FirstRunError
 from softgrip_demo.first_run.figures import Figure, at_least, at_most, equal_to, within
-from softgrip_description.cell_file import CellFile, ServoChain
+from softgrip_description.cell_file import CellFile, ChainServo, ServoChain
 from softgrip_driver.commands import selftest
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S, naming_advice
+from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import SHARED_ID_REMEDY, who_answers
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import HardwareError
 from softgrip_driver.wizard.chain import chain_backend, chain_controller, chain_rate, make_loop, model_of, open_bus
+from softgrip_driver.wizard.direction import measure_direction, reversed_spool_remedy
 from softgrip_driver.wizard.naming import SUPPLY_REMEDY
 from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan, release
 from softgrip_driver.wizard.wizard import WizardSettings
@@ -199,7 +201,7 @@ class SupplyStep:
 
 @dataclass(frozen=True)
 class ZeroStep:
-    """Directions are known, slack was left, and homing finds the same zero twice."""
+    """Directions are known and right, slack was left, and homing finds the same zero twice."""
 
     bench: BenchBus
     key = "zero"
@@ -207,7 +209,7 @@ class ZeroStep:
     needs = ("servos",)
 
     def measure(self) -> Iterator[Figure]:
-        """Yield the slack of the tensioning and the shift of the zero for each tendon."""
+        """Yield direction, slack of the tensioning and shift of the zero for each tendon."""
         chain = self.bench.chain
         for servo in chain.chain:
             remedy = "run `ros2 run softgrip_driver wizard` with this cell file"
@@ -215,7 +217,21 @@ class ZeroStep:
             yield equal_to(f"{servo.tendon}: tensioned", "no" if servo.slack_m is None else "yes", "yes", remedy)
         if any(servo.direction is None for servo in chain.chain):
             return
-        backend = chain_backend(chain, chain.chain, self.bench.reply_margin_s, self.bench.say, self.bench.clock)
+        are_right = True
+        for servo in chain.chain:
+            found = measure_direction(servo, lambda one: self._backend([one]))
+            are_right &= found == servo.direction
+            yield equal_to(f"{servo.tendon}: pulls in direction", found, servo.direction, reversed_spool_remedy(servo))
+        if are_right:  # homing would pay out a tendon that is wound the other way round
+            yield from self._shifts()
+
+    def _backend(self, servos: Sequence[ChainServo]) -> DynamixelBackend:
+        bench = self.bench
+        return chain_backend(bench.chain, servos, bench.reply_margin_s, bench.say, bench.clock)
+
+    def _shifts(self) -> Iterator[Figure]:
+        chain = self.bench.chain
+        backend = self._backend(chain.chain)
         controller = chain_controller(chain, chain.chain)
         plan = replace(TensioningPlan(), rounds=3)
         try:

@@ -20,6 +20,8 @@ from softgrip_nodekit import SENSOR, make_executor
 
 #: [s] for the nodes to come up, and for the launch to end by itself
 START_TIMEOUT_S, END_TIMEOUT_S = 120.0, 30.0
+#: what a node prints before it gives up (softgrip_nodekit.run)
+CANNOT_START = "cannot start: "
 
 
 class CellSession:
@@ -56,7 +58,7 @@ class CellSession:
         if self._link is None:
             self._link = self._start()
         elif self._process is not None and self._process.poll() is not None:
-            raise FirstRunError(f"expected the cell to run, found its launch ended; its last words are in {self._log}")
+            raise FirstRunError(f"expected the cell to run, found its launch ended; {self._last_words()}")
         return self._link
 
     @property
@@ -85,10 +87,14 @@ class CellSession:
         link = CellLink(node, self._executor)
         link.until(self._is_up, START_TIMEOUT_S, "tendon/status of the cell")
         if self.status is None:
-            raise FirstRunError(
-                f"expected the cell to start, found its launch ended; its last words are in {self._log}"
-            )
+            raise FirstRunError(f"expected the cell to start, found its launch ended; {self._last_words()}")
         return link
+
+    def _last_words(self) -> str:
+        """Return what nodes said that could not start, and where the rest is."""
+        lines = self._log.read_text(encoding="utf-8", errors="replace").splitlines()
+        causes = [line.partition("] ")[2] for line in lines if CANNOT_START in line]
+        return "; ".join([*causes, f"all that it said is in {self._log}"])
 
     def _is_up(self) -> bool:
         return self.status is not None or (self._process is not None and self._process.poll() is not None)

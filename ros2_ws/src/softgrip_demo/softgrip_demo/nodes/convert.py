@@ -66,7 +66,7 @@ def shape_view(shapes: list[PredictedShape]) -> ShapeView | None:
         hexahedra=int(last.hexahedra),
         rate=(len(shapes) - 1) / (stamps[-1] - stamps[0]),
         converged=bool(last.converged),
-        pulled_length=float(last.pulled_length),
+        pulled_length_m=float(last.pulled_length),
         vertices=tuple(zip(vertices[0::3], vertices[1::3], vertices[2::3], strict=True)),
         faces=tuple(zip(faces[0::4], faces[1::4], faces[2::4], faces[3::4], strict=True)),
     )

@@ -106,7 +106,7 @@ class CellOperator:
         except ShiftError as error:
             self._log.warning(str(error))
 
-    def move(self, pulled_length: float, speed: float) -> None:
+    def move(self, pulled_length_m: float, speed: float) -> None:
         """Close or open all fingers to a pulled length [m] at a speed [m/s].
 
         The order carries no lease: between two swaps nobody owns the tendons, and a single movement ends by itself.
@@ -115,11 +115,11 @@ class CellOperator:
             ShiftError: they did not get there.
         """
         goal = MoveTendon.Goal(
-            mode=MoveTendon.Goal.LENGTH, targets=[pulled_length], speed=speed, tension_limit=CLOSING_TENSION
+            mode=MoveTendon.Goal.LENGTH, targets=[pulled_length_m], speed=speed, tension_limit=CLOSING_TENSION
         )
         result = self._link.act(MoveTendon, "tendon/move", goal, timeout=30.0)
         if result.outcome not in {result.REACHED, result.TENSION_LIMIT}:
-            raise ShiftError(f"tendon/move to {1000 * pulled_length:g} mm ended otherwise: {result.reason}")
+            raise ShiftError(f"tendon/move to {1000 * pulled_length_m:g} mm ended otherwise: {result.reason}")
 
     def _seat(self, finger_set: str, serials: Sequence[str]) -> Callable[[str, str], Sequence[str]]:
         """Return what the hands do at each step of a swap."""

@@ -103,7 +103,7 @@ class ShiftWatch:
         gathered.predicted += [
             Instant(
                 stamp=stamp,
-                pulled_length=state.pulled_length,
+                pulled_length_m=state.pulled_length,
                 angles=tuple(state.joint_angles),
                 tip=(state.tip.x, state.tip.y),
                 predicted_tension=state.tension,

@@ -13,15 +13,15 @@ from typing import Any, TypeVar
 
 import yaml
 
-from softgrip_description.cell_file.marked_yaml import MarkedDocument, Place, place_text, read_marked
-from softgrip_description.cell_file.schema import cell_schema, find_problems
+from softgrip_description.checked_yaml import FileKind
 from softgrip_description.errors import CellFileError
+from softgrip_description.marked_yaml import Place, place_text
 from softgrip_model.durable import write_durably
 
 Section = TypeVar("Section")
 
 SCHEMA = 1
-_MAX_BYTES = 1_000_000
+_KIND = FileKind("cell", CellFileError, "`wizard` makes one")
 _HEADER = """# yaml-language-server: $schema=cell.schema.json
 # One cell (docs/cell_file.md). `ros2 run softgrip_description cell_file check FILE` says what is wrong with it;
 # `ros2 launch softgrip_bringup cell.launch.yaml cell_file:=FILE` starts it.
@@ -165,25 +165,16 @@ def load_cell(path: Path) -> CellFile:
         CellFileError: it cannot be read, or does not describe a cell; names every problem with its line.
     """
     path = path.expanduser()
-    try:
-        with path.open("rb") as file:
-            data = file.read(_MAX_BYTES + 1)
-        text = data.decode("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise CellFileError(f"{path}: expected a cell file, found: {error}; `wizard` makes one") from error
-    if len(data) > _MAX_BYTES:
-        raise CellFileError(f"{path}: expected a cell file, found more than {_MAX_BYTES} bytes")
-    return parse_cell(text, path)
+    return parse_cell(_KIND.read(path), path)
 
 
 def parse_cell(text: str, path: Path) -> CellFile:
     """Return the cell of a text that stands, or could stand, at a path; raises CellFileError as `load_cell` does."""
-    document = read_marked(text, str(path))
+    document = _KIND.parse(text, path)
     _refuse_other_formats(document.value, path)
-    problems = list(find_problems(document.value, cell_schema()))
-    _raise(problems, document, path)
+    _KIND.check(document, path)
     cell = _Reader(path.resolve().parent).read(document.value)
-    _raise(_contradictions(cell), document, path)
+    _KIND.refuse(_contradictions(cell), document, path)
     return cell
 
 
@@ -193,12 +184,6 @@ def _refuse_other_formats(value: Any, path: Path) -> None:
             f"{path}: expected a cell file (schema, hardware, servos, ...), found parameters of nodes; put them under "
             "`parameters:` of a cell file, as `parameters: {tendon_driver: {homing_speed_m_s: 0.01}}`"
         )
-
-
-def _raise(problems: list[tuple[Place, str]], document: MarkedDocument, path: Path) -> None:
-    if problems:
-        found = sorted((document.line_of(place), place_text(place), text) for place, text in problems)
-        raise CellFileError("\n".join(f"{path}:{line}: {place}: {text}" for line, place, text in found))
 
 
 def _contradictions(cell: CellFile) -> list[tuple[Place, str]]:

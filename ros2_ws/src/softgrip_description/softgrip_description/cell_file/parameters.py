@@ -11,8 +11,8 @@ from typing import Any
 import yaml
 
 from softgrip_description.cell_file.cell import CellCamera, CellFile, CellRig, ChainServo, ServoChain
-from softgrip_description.cell_file.schema import guess
 from softgrip_description.errors import CellFileError
+from softgrip_description.json_schema import guess
 
 Values = dict[str, Any]
 

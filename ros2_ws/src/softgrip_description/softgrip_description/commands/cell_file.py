@@ -21,6 +21,7 @@ from softgrip_description.cell_file import (
 )
 from softgrip_description.commands.launch_folder import make_launch_folder
 from softgrip_description.errors import CellFileError
+from softgrip_description.json_schema import schema_path
 
 EPILOG = """examples:
   ros2 run softgrip_description cell_file check cell.yaml
@@ -30,7 +31,6 @@ EPILOG = """examples:
 """
 #: what the launch includes, and the parameters of all nodes
 ARGUMENTS, PARAMETERS = "cell_arguments.launch.yaml", "parameters.yaml"
-_SCHEMA = Path(__file__).parents[1] / "data" / "cell.schema.json"
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -99,7 +99,7 @@ def launch(options: argparse.Namespace) -> int:
 
 def schema(_: argparse.Namespace) -> int:
     """Print the schema."""
-    print(_SCHEMA.read_text(encoding="utf-8"), end="")
+    print(schema_path("cell").read_text(encoding="utf-8"), end="")
     return 0
 
 

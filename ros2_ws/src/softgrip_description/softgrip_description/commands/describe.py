@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ros2 run softgrip_description describe`: the hand with a finger set as URDF or MJCF, for static use."""
+"""`ros2 run softgrip_description describe`: the hand with a finger set as URDF, xacro or MJCF, for static use."""
 
 from __future__ import annotations
 
@@ -12,19 +12,24 @@ from softgrip_description.errors import HandError
 from softgrip_description.hand import load_hand, shipped_hand
 from softgrip_description.mjcf import mjcf_of
 from softgrip_description.solids import base_outline, link_outline, prism_triangles, stl_of
-from softgrip_description.urdf import urdf_of
+from softgrip_description.urdf import MeshUri, urdf_of
+from softgrip_description.xacro_macro import macro_of
 from softgrip_model.profile import FingerDesign, ProfileError, load, shipped_directory
 
 EPILOG = """examples:
   ros2 run softgrip_description describe power > hand.urdf
   ros2 run softgrip_description describe pinch --format mjcf --output hand.xml
+  ros2 run softgrip_description describe my_fingers.yaml --format xacro --output my_fingers.urdf.xacro
   ros2 run softgrip_description describe my_fingers.yaml --hand my_hand.yaml --meshes meshes/ --output hand.urdf
 """
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command; exit code 1 with a reason when hand or profile cannot be used."""
-    options = _parser().parse_args(args)
+    parser = _parser()
+    options = parser.parse_args(args)
+    if options.format == "xacro" and options.prefix:
+        parser.error("--prefix: expected none with --format xacro, since it is a parameter of the macro; give it there")
     try:
         text = describe(options)
     except (HandError, ProfileError, OSError) as error:
@@ -49,11 +54,18 @@ def describe(options: argparse.Namespace) -> str:
     fingers = {slot: (profile.id, profile.finger(slot)) for slot in profile.slots}
     if options.format == "mjcf":
         return mjcf_of(hand, fingers, profile.material, prefix=options.prefix)
-    if options.meshes is None:
-        return urdf_of(hand, fingers, prefix=options.prefix)
-    folder: Path = options.meshes.resolve()
-    write_meshes(folder, {slot: design for slot, (_, design) in fingers.items()})
-    return urdf_of(hand, fingers, prefix=options.prefix, mesh_uri=lambda name: (folder / f"{name}.stl").as_uri())
+    mesh_uri = _mesh_uri(options.meshes, {slot: design for slot, (_, design) in fingers.items()})
+    if options.format == "xacro":
+        return macro_of(hand, profile, mesh_uri=mesh_uri)
+    return urdf_of(hand, fingers, prefix=options.prefix, mesh_uri=mesh_uri)
+
+
+def _mesh_uri(meshes: Path | None, fingers: dict[str, FingerDesign]) -> MeshUri | None:
+    if meshes is None:
+        return None
+    folder = meshes.resolve()
+    write_meshes(folder, fingers)
+    return lambda name: (folder / f"{name}.stl").as_uri()
 
 
 def profile_path(name: str) -> Path:
@@ -78,15 +90,15 @@ def write_meshes(folder: Path, fingers: dict[str, FingerDesign]) -> None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="describe",
-        description="Write the hand with a finger set as URDF (for RViz, MoveIt, Rerun) or MJCF (for MuJoCo).",
+        description="Write the hand with a finger set as URDF (for RViz, MoveIt, Rerun), xacro macro or MJCF (MuJoCo).",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("profile", help="id of a shipped profile, or a profile file")
     parser.add_argument("--hand", type=Path, help="hand file (default: the shipped hand)")
-    parser.add_argument("--format", choices=("urdf", "mjcf"), default="urdf", help="default: %(default)s")
+    parser.add_argument("--format", choices=("urdf", "xacro", "mjcf"), default="urdf", help="default: %(default)s")
     parser.add_argument("--prefix", default="", help="before every link and joint name, for several hands in one tree")
-    parser.add_argument("--meshes", type=Path, help="write STL meshes to this folder and refer to them (urdf only)")
+    parser.add_argument("--meshes", type=Path, help="write STL meshes to this folder and refer to them (urdf, xacro)")
     parser.add_argument("--output", type=Path, help="file to write (default: standard output)")
     return parser
 

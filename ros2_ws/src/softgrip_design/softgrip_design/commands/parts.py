@@ -54,7 +54,9 @@ def parser() -> argparse.ArgumentParser:
         "--spool-radius-mm", type=float, default=10.0, help="to the middle of the cable (default: %(default)s)"
     )
     models = [model for face in FACES for model in face.models]
-    made.add_argument("--servo", default=models[0], choices=models, help="in the bill (default: %(default)s)")
+    made.add_argument(
+        "--servo", default=models[0], metavar="MODEL", help=f"in the bill: {', '.join(models)} (default: %(default)s)"
+    )
     made.add_argument("--serial", default="", help="engraved, before the slot's name (default: the profile's id)")
     return made
 

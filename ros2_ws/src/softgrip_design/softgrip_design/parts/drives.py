@@ -62,12 +62,12 @@ FACES = (
         frame_holes=((-8.0, 7.5), (8.0, 7.5), (-8.0, -22.5), (8.0, -22.5)),
         frame_radius_mm=1.1,
         horn_hole_radius_mm=1.1,
-        screws=(("M2 x 10 self-tapping, plate", 4), ("M2 x 6 self-tapping, spool", 4)),
+        screws=(("M2 x 10 self-tapping, plate", 4), ("M2 x 12 self-tapping, spool", 4)),
         source="ROBOTIS drawing X330, 28 May 2020 (XL,XC-330.pdf, e-manual XL330-M288-T, Drawings)",
     ),
     ServoFace(
         name="x430",
-        models=("XM430-W350",),
+        models=("XM430-W350", "XM430-W210", "XL430-W250", "XC430-W150", "XC430-W240"),
         case_mm=(28.5, 46.5),
         axis_mm=11.25,
         horn_radius_mm=9.75,
@@ -77,10 +77,35 @@ FACES = (
         frame_holes=((-11.0, -8.0), (11.0, -8.0)),
         frame_radius_mm=1.35,
         horn_hole_radius_mm=1.1,
-        screws=(("M2.5 x 6, plate", 2), ("M2 x 4, spool", 8)),
-        source="ROBOTIS drawings XM430/XH430 (HINGE), 19 Mar 2019, and HN12-N101 (e-manual XM430-W350, Drawings)",
+        screws=(("M2.5 x 6, plate (self-tapping in the plastic cases of XL430, XC430)", 2), ("M2 x 12, spool", 8)),
+        source="ROBOTIS drawings XM430/XH430 (HINGE), 19 Mar 2019, and HN12-N101 (e-manual XM430-W350, Drawings); "
+        "XL430 and XC430: e-manual XM430-W350, 'same form factors'",
+    ),
+    ServoFace(
+        name="sts3215",
+        models=("STS3215",),
+        case_mm=(24.82, 45.42),
+        axis_mm=10.21,
+        horn_radius_mm=10.0,
+        horn_mm=2.8,
+        boss_radius_mm=2.7,
+        horn_holes=(4, 7.0),
+        frame_holes=((-10.25, -8.3), (10.25, -8.3), (-10.25, -29.0), (10.25, -29.0)),
+        frame_radius_mm=1.1,
+        horn_hole_radius_mm=1.6,
+        screws=(("M2 x 8 self-tapping, plate", 4), ("M3 x 12, spool", 4)),
+        source="measured in TheRobotStudio/SO-ARM100, STEP/SO100/STS3215_03a.step (no drawing of the maker was found)",
     ),
 )
+
+#: Drives of tendon_driver without a plate here, and why.
+WITHOUT_PLATE = {
+    **dict.fromkeys(
+        ("XM540-W150", "XM540-W270"),
+        "ROBOTIS' drawing of its front could not be read here; it wants a spool of 25 mm (docs/driver.md)",
+    ),
+    "DM-J4310-2EC": "Damiao's drawing of its front could not be read here",
+}
 
 PLATE_MM, RAIL_MM, EDGE_MM = 4.0, 8.0, 1.0
 #: Room around a horn and its spool, and between neighbours.
@@ -104,8 +129,15 @@ def face_of(model: str) -> ServoFace:
     for face in FACES:
         if model in face.models:
             return face
+    if model in WITHOUT_PLATE:
+        raise PartError(f"servo {model}: there is no plate for it: {WITHOUT_PLATE[model]}")
     known = ", ".join(model for face in FACES for model in face.models)
     raise PartError(f"servo: expected one of {known}, found {model!r}")
+
+
+def spool_height_mm(face: ServoFace) -> float:
+    """Return how high a spool stands on its horn: so much of its screws is not in the horn."""
+    return _lift_mm(face) + 2.0 * FLANGE_MM + GROOVE_MM
 
 
 def _lift_mm(face: ServoFace) -> float:

@@ -44,17 +44,17 @@ class TendonTable:
         reach_rad = sum(finger.opening_rad) - finger.joints * finger.stop_margin_rad
         deflections = np.linspace(0.0, reach_rad, ROWS)[1:]
         solution = Kernel([finger], law).solve(deflections, Control.DEFLECTION, threads=1)
-        pulled_m, tension_n = 1e-3 * solution.pulled_mm[0], solution.tension_n[0, :, 0]
+        pulled_length_m, tension_n = 1e-3 * solution.pulled_mm[0], solution.tension_n[0, :, 0]
         outside = solution.failed[0] | (solution.status[0] & Status.STOP_ENGAGED != 0)
-        outside |= ~(pulled_m <= bounds.max_length_m) | ~(tension_n <= bounds.max_tension_n)
+        outside |= ~(pulled_length_m <= bounds.max_length_m) | ~(tension_n <= bounds.max_tension_n)
         rows = int(outside.argmax()) if outside.any() else len(outside)
-        if rows < 2 or np.any(np.diff(pulled_m[:rows]) <= 0.0):
+        if rows < 2 or np.any(np.diff(pulled_length_m[:rows]) <= 0.0):
             raise DesignError(
                 f"expected a finger that closes within {1e3 * bounds.max_length_m:g} mm and {bounds.max_tension_n:g} "
                 "N, found none; raise --max-length or --max-tension, or check the profile"
             )
         self._deflections = np.r_[0.0, deflections[:rows]]
-        self._pulled_m = np.r_[0.0, pulled_m[:rows]]
+        self._pulled_length_m = np.r_[0.0, pulled_length_m[:rows]]
 
     @property
     def max_deflection_rad(self) -> float:
@@ -69,4 +69,4 @@ class TendonTable:
         """
         if not math.isfinite(deflection_rad):
             raise DesignError(f"expected a deflection, found {deflection_rad}")
-        return float(np.interp(deflection_rad, self._deflections, self._pulled_m))
+        return float(np.interp(deflection_rad, self._deflections, self._pulled_length_m))

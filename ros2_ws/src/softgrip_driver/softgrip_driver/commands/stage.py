@@ -12,6 +12,7 @@ from softgrip_driver.errors import StageStalledError
 from softgrip_driver.rig.build import STAGES, make_stage
 from softgrip_driver.rig.devices import Stage
 from softgrip_driver.rig.grbl import StageStart
+from softgrip_driver.tendon.safety_store import check_port_is_free_to_move
 from softgrip_time import Clock, WallClock
 
 TEXT = """Connect to the stage that pulls and say who it is and what is not well. Nothing moves unless asked:
@@ -49,6 +50,8 @@ def jog(stage: Stage, way_mm: float, speed_mm_s: float, clock: Clock) -> float:
 
 def work(options: argparse.Namespace) -> int:
     """Connect, say, jog."""
+    if options.jog or options.start == StageStart.HOME:
+        check_port_is_free_to_move(options.port)
     clock = WallClock()
     stage = make_stage(options.kind, options.port, start=StageStart(options.start), clock=clock)
     try:

@@ -28,7 +28,7 @@ def to_joint_state(drives: Sequence[DriveSnapshot], stamp: Time) -> JointState:
     return JointState(
         header=Header(stamp=stamp),
         name=[drive.tendon for drive in drives],
-        position=[float(drive.length) for drive in drives],
+        position=[float(drive.pulled_length_m) for drive in drives],
         velocity=[float(drive.speed) for drive in drives],
         effort=[float(drive.tension) for drive in drives],
     )
@@ -111,7 +111,7 @@ def to_move_feedback(drives: Sequence[DriveSnapshot]) -> MoveTendon.Feedback:
     """Return lengths [m] and tensions [N] of a move under way."""
     return MoveTendon.Feedback(
         tendons=[drive.tendon for drive in drives],
-        pulled_lengths=[float(drive.length) for drive in drives],
+        pulled_lengths=[float(drive.pulled_length_m) for drive in drives],
         tensions=[float(drive.tension) for drive in drives],
     )
 
@@ -122,7 +122,7 @@ def to_move_result(outcome: int, reason: str, drives: Sequence[DriveSnapshot]) -
         outcome=int(outcome),
         reason=reason,
         tendons=[drive.tendon for drive in drives],
-        pulled_lengths=[float(drive.length) for drive in drives],
+        pulled_lengths=[float(drive.pulled_length_m) for drive in drives],
         tensions=[float(drive.tension) for drive in drives],
     )
 

@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 from softgrip_driver.errors import DriverError, NoReplyError, PortLostError, StoppedError
 from softgrip_driver.nodes import convert_friction as convert
 from softgrip_driver.nodes.rig_parameters import NO_STAGE, PARAMETERS, make_bench, measurement_settings
+from softgrip_driver.nodes.rig_progress import ProgressLog, broken_plan_text
 from softgrip_driver.nodes.rig_safety import FollowedSafety, OwnSafety, RigSafety
 from softgrip_driver.rig.bench import Bench
 from softgrip_driver.rig.clock import ScaledClock
@@ -38,8 +39,9 @@ from softgrip_driver.rig.procedure import (
 from softgrip_driver.rig.pull import RigSample
 from softgrip_driver.rig.pulley import Pulley, read_pulley, write_pulley
 from softgrip_driver.rig.slide import PointVerdict
+from softgrip_driver.tendon.safety_store import SafetyStore, port_file
 from softgrip_interfaces.action import CalibrateFriction
-from softgrip_interfaces.msg import FrictionModel, FrictionSample
+from softgrip_interfaces.msg import FrictionModel, FrictionSample, RigProgress
 from softgrip_interfaces.srv import ActivateFrictionModel, ListFrictionModels
 from softgrip_model.friction.errors import FrictionError
 from softgrip_model.friction.record import ModelVerdict
@@ -90,6 +92,9 @@ class FrictionRig(HardwareNode):
         self._wrench = self.create_publisher(WrenchStamped, "load_cell/wrench", SENSOR)
         self._stage_state = self.create_publisher(JointState, "rig/stage", SENSOR)
         self._samples = self.create_publisher(FrictionSample, "rig/sample", RELIABLE)
+        self._progress = self.create_publisher(RigProgress, "rig/progress", LATCHED)
+        #: what rig/progress says
+        self.progress = ProgressLog(self._publish_progress, broken_plan_text(self._folder / _PLANS))
         self._friction_active = self.create_publisher(FrictionModel, "friction/active", LATCHED)
         services = MutuallyExclusiveCallbackGroup()
         self.create_service(Trigger, "rig/confirm", self._on_confirm, callback_group=services)
@@ -115,7 +120,9 @@ class FrictionRig(HardwareNode):
             return FollowedSafety(self, group, self._stop_now)
         text = "no tendon_driver here (safety_source: none): its emergency stop does not reach this rig; rig/stop does"
         self._diagnostics.set("safety", Health.WARN, text)
-        return OwnSafety(self, self._folder, group, self._stop_now, lambda: order_guard.refusal)
+        file = self._values["safety_file"]
+        store = SafetyStore(Path(file).expanduser() if file else port_file(self._values["stage_port"]))
+        return OwnSafety(self, store, group, self._stop_now, lambda: order_guard.refusal)
 
     def _stop_now(self, reason: str) -> None:
         """End a running pull: the stand stands still and holds by its screw, since letting down is a motion, too."""
@@ -219,6 +226,10 @@ class FrictionRig(HardwareNode):
         finally:
             session.ended.set()
         result.samples = list(session.accepted.values())
+        with self._session_lock:
+            is_last = self._session is None
+        if is_last:  # else this goal was refused because another one is measured
+            self.progress.end(result)
         return result
 
     def _measure(self, session: _Session, goal: CalibrateFriction.Goal) -> PlanOutcome:
@@ -236,6 +247,7 @@ class FrictionRig(HardwareNode):
             with self._session_lock:
                 self._session = session
             session.stop_if(self._safety.refusal)  # it may have come while the session began
+            self.progress.begin()
             self._diagnostics.set("plan", Health.OK, "measuring")
             try:
                 procedure = Procedure(bench.stage, bench.gauge, session, session.clock, settings, self._folder / _PLANS)
@@ -297,7 +309,12 @@ class FrictionRig(HardwareNode):
         """Publish one attempt at one point."""
         message = convert.sample_message(judged, self.get_clock().now().to_msg())
         self.announce(self._samples.publish, message)
+        self.progress.judge(message)
         return message
+
+    def _publish_progress(self, message: RigProgress) -> None:
+        message.header.stamp = self.get_clock().now().to_msg()
+        self.announce(self._progress.publish, message)
 
     def _look(self) -> None:
         """Watch idle devices: publish the tension, say who is missing, take up who is plugged in again."""
@@ -374,6 +391,7 @@ class _Session(RigOperator):
         self.stop_reason = ""
 
     def tell(self, step: ProcedureStep) -> None:
+        self._node.progress.step(step, needs_confirmation=self._waiting)
         if not self._node.announce(self._goal_handle.publish_feedback, convert.feedback_message(step)):
             raise StoppedError("the process is ending")
 
@@ -401,6 +419,8 @@ class _Session(RigOperator):
         """Take the person's confirmation; False when nothing waits for it."""
         with self._answer:
             waited, self._waiting = self._waiting, False
+            if waited:
+                self._node.progress.confirm()
             self._answer.notify_all()
         return waited
 

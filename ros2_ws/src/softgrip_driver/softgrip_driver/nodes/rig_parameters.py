@@ -41,6 +41,11 @@ PARAMETERS = ParameterTable(
         "rig/stop and rig/stop_reset of its own",
         choices=("topic", "none"),
     ),
+    Parameter(
+        "safety_file",
+        "",
+        "where a stop of its own is kept (safety_source: none); empty = $ROS_HOME/softgrip, one file for each port",
+    ),
     Parameter("model_dir", "~/.softgrip/friction", "folder of friction models and of the record of plans"),
     Parameter("initial_model", "braid-tpu", "id of the active model until one is chosen"),
     Parameter("time_scale", 1.0, "rig seconds per second; above 1 only with an emulated rig", "1", 0.01, 1000.0),

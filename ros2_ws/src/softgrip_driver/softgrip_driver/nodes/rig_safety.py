@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Protocol
 
 from rclpy.node import Node
@@ -74,11 +73,11 @@ class OwnSafety:
     """
 
     def __init__(
-        self, node: Node, folder: Path, group: Any, on_stop: Callable[[str], None], age_refusal: Callable[[], str]
+        self, node: Node, store: SafetyStore, group: Any, on_stop: Callable[[str], None], age_refusal: Callable[[], str]
     ) -> None:
         self._on_stop = on_stop
         self._age_refusal = age_refusal
-        self._safety = Safety(SafetyStore(folder / "rig_safety.yaml"))
+        self._safety = Safety(store)
         node.create_service(Trigger, "rig/stop_reset", self._on_reset, callback_group=group)
         self._urgent = UrgentServer(node, Trigger, "rig/stop", self._serve_stop, self._on_standstill)
 

@@ -72,7 +72,7 @@ def _tendon_health(drive: DriveSnapshot) -> tuple[Health, str]:
 
 def _tendon_values(drive: DriveSnapshot) -> dict[str, object]:
     return {
-        "pulled length [mm]": f"{drive.length * 1e3:.2f}",
+        "pulled length [mm]": f"{drive.pulled_length_m * 1e3:.2f}",
         "zero [mm]": f"{drive.zero * 1e3:.3f}",
         "tension [N]": f"{drive.tension:.2f} +- {drive.tension_stddev:.2f}",
         "current [A]": f"{drive.current:.3f}",

@@ -61,6 +61,7 @@ class Drive:
         self._job = 0
         self._outcome: MoveOutcome | None = None
         self._reason = ""
+        self._is_release = False  # the last motion asked for was a slow release
         self._fault = ""
         self._fault_reason = ""
         self._restoring = self._restored_once = False
@@ -128,7 +129,7 @@ class Drive:
         """Return the present state as a value."""
         r = self._reading
         measured: dict[str, Any] = {} if r is None else {
-            "length": r.position - self._frame, "speed": r.velocity, "tension": self._tension,
+            "pulled_length_m": r.position - self._frame, "speed": r.velocity, "tension": self._tension,
             "tension_stddev": r.tension_stddev, "current": r.current, "temperature": r.temperature,
             "voltage": r.voltage, "hardware_error": r.hardware_error, "time": r.time,
         }  # fmt: skip
@@ -196,6 +197,7 @@ class Drive:
         if isinstance(motion, Follow) and isinstance(self._motion, Follow):
             motion.take_over(self._motion)
         self._motion = motion
+        self._is_release = motion.state is DriveState.RELEASING
         self._outcome, self._reason = None, ""
         self._job += 1
         return motion
@@ -289,6 +291,14 @@ class Drive:
         """Whether the tendon is taut."""
         return self._tension > self.limits.tension_slack
 
+    @property
+    def is_released(self) -> bool:
+        """Whether the last motion asked for was a slow release that came to its end.
+
+        Friction leaves it about a newton then, or an old zero more: none of it holds anything.
+        """
+        return self._is_release and self._outcome is MoveOutcome.REACHED
+
     def _clear_fault(self) -> None:
         self._fault, self._fault_reason = "", ""
         self._watch.forget_jump()
@@ -369,20 +379,22 @@ class Drive:
         """Advance the motion, and what its setpoint needs beyond the length that it stands for."""
         assert self._motion is not None
         step = self._motion.step(view)
-        if not (math.isfinite(step.length) and math.isfinite(step.tension_limit)):
-            self.set_fault("invalid_setpoint", f"a length of {step.length} m with a limit of {step.tension_limit} N")
+        if not (math.isfinite(step.pulled_length_m) and math.isfinite(step.tension_limit)):
+            self.set_fault(
+                "invalid_setpoint", f"a length of {step.pulled_length_m} m with a limit of {step.tension_limit} N"
+            )
             step = self._motion.step(view)
         if self._motion.state is DriveState.HOMING:
             self._trim.clear()
         elif not self._watch.suspects_break:
             # Giving way while a break is suspected would look as if the tension had been let out.
             self._trim.step(step, view)
-        self._setpoint, self._allowed = step.length, step.tension_limit
+        self._setpoint, self._allowed = step.pulled_length_m, step.tension_limit
         return step
 
     def _goal(self, step: MotionStep) -> Setpoint:
         """Return the device's goal; a motion that is at its end gives way to what comes after it."""
-        setpoint = Setpoint(step.length + self._frame + self._trim.value, step.tension_limit)
+        setpoint = Setpoint(step.pulled_length_m + self._frame + self._trim.value, step.tension_limit)
         if step.outcome is not None:
             self._finish(step)
         return setpoint
@@ -394,10 +406,10 @@ class Drive:
 
     def _view(self, reading: DriveReading, now: float, dt: float, cap: float) -> DriveObservation:
         """Return what a motion sees at a time [s], ``dt`` [s] after the step before, with ``cap`` [N] allowed."""
-        length = reading.position - self._frame
-        ahead = 0.0 if self._setpoint is None else self._setpoint - length
+        pulled_length_m = reading.position - self._frame
+        ahead = 0.0 if self._setpoint is None else self._setpoint - pulled_length_m
         return DriveObservation(
-            now, dt, length, reading.velocity, self._tension, reading.pull, cap, reading.tension_stddev,
+            now, dt, pulled_length_m, reading.velocity, self._tension, reading.pull, cap, reading.tension_stddev,
             self._acceleration, ahead,
         )  # fmt: skip
 
@@ -468,7 +480,7 @@ class Drive:
             self._watch.forget_break()
             self._motion = Hold(0.0, self.limits.tension_soft)
             return
-        self._motion = Hold(step.length, step.tension_limit)
+        self._motion = Hold(step.pulled_length_m, step.tension_limit)
 
 
 def _is_finite(reading: DriveReading) -> bool:

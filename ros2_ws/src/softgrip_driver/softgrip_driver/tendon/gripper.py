@@ -408,10 +408,13 @@ class GripperController:
         return "; ".join(text for name in names if (text := self.drives[name].refusal(homed=homed)))
 
     def _owned_refusal(self, names: Sequence[str], now: float) -> str:
-        """Return why homing would disturb an owner: a tendon that moves or is taut for it. Slack ones may be homed."""
+        """Return why homing would disturb an owner: a tendon that moves or is taut for it.
+
+        Slack ones may be homed, and released ones, whatever friction left in them.
+        """
         for name in names:
             owner, drive = self.ownership.owner_of(name, now), self.drives[name]
-            if owner and (drive.busy or drive.holds_tension):
+            if owner and (drive.busy or (drive.holds_tension and not drive.is_released)):
                 return f"tendon '{name}' is owned by {owner} and taut or moving; release it first (tendon/release)"
         return ""
 
@@ -450,4 +453,4 @@ class GripperController:
 
 
 def _hold_here(view: DriveObservation, limits: TendonLimits) -> Motion:
-    return Hold(view.length, limits.tension_soft)
+    return Hold(view.pulled_length_m, limits.tension_soft)

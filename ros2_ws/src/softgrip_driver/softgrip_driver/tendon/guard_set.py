@@ -108,11 +108,16 @@ class GuardSet:
         if motion.paying_out:
             self._break.reset()
         elif self._break.step(
-            view.now, view.tension, view.length, stddev=view.stddev, acceleration=view.acceleration, allowed=allowed
+            view.now,
+            view.tension,
+            view.pulled_length_m,
+            stddev=view.stddev,
+            acceleration=view.acceleration,
+            allowed=allowed,
         ):
-            return "tendon_broken", f"tension fell to {view.tension:.1f} N at {view.length * 1e3:.1f} mm"
+            return "tendon_broken", f"tension fell to {view.tension:.1f} N at {view.pulled_length_m * 1e3:.1f} mm"
         if homed and self._slack.step(
-            view.now, view.length, view.tension, pulling=motion.winding_in, acceleration=view.acceleration
+            view.now, view.pulled_length_m, view.tension, pulling=motion.winding_in, acceleration=view.acceleration
         ):
-            return "tendon_slack", f"{view.tension:.1f} N at {view.length * 1e3:.1f} mm of pulled length"
+            return "tendon_slack", f"{view.tension:.1f} N at {view.pulled_length_m * 1e3:.1f} mm of pulled length"
         return None

@@ -99,7 +99,7 @@ class _Pull:
 
     time: float
     tension: float
-    length: float
+    pulled_length_m: float
 
 
 class BreakGuard:
@@ -155,7 +155,7 @@ class BreakGuard:
         self,
         now: float,
         tension: float,
-        length: float,
+        pulled_length_m: float,
         *,
         stddev: float = 0.0,
         acceleration: float = 0.0,
@@ -166,7 +166,7 @@ class BreakGuard:
         Args:
             now: [s]
             tension: [N]
-            length: [m] pulled.
+            pulled_length_m: [m].
             stddev: [N] uncertainty of the tension.
             acceleration: [m/s^2] of the tendon.
             allowed: [N] the most that the device may pull; no more can be missed.
@@ -175,7 +175,7 @@ class BreakGuard:
         self._last = now
         self._certain_drop = self.SIGMAS * stddev if stddev > 0.0 else 0.0
         self._feigned = max(self._limits.break_drop_from, self.NOTHING * stddev) if stddev > 0.0 else math.inf
-        self._forget_what_was_further_in(length)
+        self._forget_what_was_further_in(pulled_length_m)
         if acceleration < -STEADY_ACCELERATION:
             # A motor that slows down needs less current, which passes for less tension: such a step does not count.
             return False
@@ -189,16 +189,16 @@ class BreakGuard:
         if self._vanishes(tension, allowed):
             self._vanished_at = self._clock
         elif abs(acceleration) < STEADY_ACCELERATION:
-            self._recent.append(_Pull(self._clock, tension, length))
-            self._furthest = max(self._furthest, length)
+            self._recent.append(_Pull(self._clock, tension, pulled_length_m))
+            self._furthest = max(self._furthest, pulled_length_m)
         return False
 
-    def _forget_what_was_further_in(self, length: float) -> None:
-        if self._furthest <= length + self.RETREAT:
+    def _forget_what_was_further_in(self, pulled_length_m: float) -> None:
+        if self._furthest <= pulled_length_m + self.RETREAT:
             return
         before = len(self._recent)
-        self._recent = deque(pull for pull in self._recent if pull.length <= length + self.RETREAT)
-        self._furthest = max((pull.length for pull in self._recent), default=-math.inf)
+        self._recent = deque(pull for pull in self._recent if pull.pulled_length_m <= pulled_length_m + self.RETREAT)
+        self._furthest = max((pull.pulled_length_m for pull in self._recent), default=-math.inf)
         if before and not self._recent:
             self._vanished_at = None
 
@@ -252,12 +252,14 @@ class SlackGuard:
         self._limits = limits
         self._since: float | None = None
 
-    def step(self, now: float, pulled: float, tension: float, *, pulling: bool, acceleration: float = 0.0) -> bool:
+    def step(
+        self, now: float, pulled_length_m: float, tension: float, *, pulling: bool, acceleration: float = 0.0
+    ) -> bool:
         """Return whether the tendon is slack at a pulled length [m], tension [N] and acceleration [m/s^2].
 
         A motor that slows down needs less current, which passes for less tension.
         """
-        slack = pulling and pulled > self._limits.slack_travel and tension < self._limits.tension_slack
+        slack = pulling and pulled_length_m > self._limits.slack_travel and tension < self._limits.tension_slack
         if not slack:
             self._since = None
         elif acceleration < -STEADY_ACCELERATION:
@@ -277,10 +279,10 @@ class StallGuard:
         self._stall_time = stall_time
         self._anchor: tuple[float, float] | None = None
 
-    def step(self, now: float, position: float, *, moving: bool) -> bool:
+    def step(self, now: float, pulled_length_m: float, *, moving: bool) -> bool:
         """Return whether the drive has stood still for the stall time although it should move."""
-        if not moving or self._anchor is None or abs(position - self._anchor[1]) > self.MOTION:
-            self._anchor = (now, position)
+        if not moving or self._anchor is None or abs(pulled_length_m - self._anchor[1]) > self.MOTION:
+            self._anchor = (now, pulled_length_m)
         return now - self._anchor[0] >= self._stall_time
 
 

@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 class HomingSample:
     """What a drive showed while it wound in: length [m], acceleration [m/s^2], force [N]."""
 
-    length: float
+    pulled_length_m: float
     acceleration: float
     force: float
 
@@ -96,11 +96,11 @@ class Homing:
         # no faster than it needs to be: a goal that comes late is a jerk, the greater the faster
         self._pay_out_speed = min(limits.release_speed, self.PAY_OUT_SPEED_FACTOR * limits.homing_speed)
         self._started = view.now
-        self._start = view.length
+        self._start = view.pulled_length_m
         self._phase = _Phase.LET_OUT
-        self._profile = SpeedProfile(view.length)
+        self._profile = SpeedProfile(view.pulled_length_m)
         self._taut_since: float | None = None
-        self._stood_at = view.length
+        self._stood_at = view.pulled_length_m
         self._even_since: float | None = None
         self._against_since: float | None = None
         self._steady = False
@@ -147,7 +147,7 @@ class Homing:
         limits = self._limits
         tension = limits.homing_tension
         end = self._start - limits.slack_travel + limits.homing_travel
-        if self._profile.position - view.length < limits.max_following_error:
+        if self._profile.position - view.pulled_length_m < limits.max_following_error:
             self._profile.step(end, limits.homing_speed, limits.acceleration, view.dt)
         self._sample(view)
         taut = abs(view.speed) <= self.STANDING and view.tension >= self.TAUT * tension
@@ -157,14 +157,18 @@ class Homing:
             self._taut_since = view.now
         elif view.now - self._taut_since >= self.DWELL:
             return self._taut(view)
-        if self._profile.position == end and self.zero is None and view.length > end - limits.position_tolerance:
+        if (
+            self._profile.position == end
+            and self.zero is None
+            and view.pulled_length_m > end - limits.position_tolerance
+        ):
             return self._failed(
                 view, f"{limits.homing_travel * 1e3:.0f} mm wound in without {tension:.1f} N: is the tendon attached?"
             )
         return MotionStep(self._profile.position, tension)
 
     def _sample(self, view: DriveObservation) -> None:
-        gone = view.length - self._stood_at
+        gone = view.pulled_length_m - self._stood_at
         if gone <= self.RUN_UP:
             self._even_since, self._steady = None, False
         elif abs(view.speed - self._limits.homing_speed) > self.EVEN:
@@ -177,11 +181,11 @@ class Homing:
             return
         # At the limit the device holds the current constant: such samples say nothing about the rise.
         if view.speed > self.STANDING and view.pull < self.SATURATED * self._limits.homing_tension:
-            self._samples.append(HomingSample(view.length, view.acceleration, view.pull))
+            self._samples.append(HomingSample(view.pulled_length_m, view.acceleration, view.pull))
 
     def _shows(self, found: float) -> bool:
         """Whether the samples show a knee there: slack before it, samples on either side, a rise behind it."""
-        lengths = np.array([sample.length for sample in self._samples])
+        lengths = np.array([sample.pulled_length_m for sample in self._samples])
         forces = np.array([sample.force for sample in self._samples])
         slack, rise = lengths < found, lengths >= found
         if min(slack.sum(), rise.sum()) < self.MIN_SAMPLES or found - lengths.min() < self.MIN_SLACK:
@@ -192,8 +196,8 @@ class Homing:
 
     def _taut(self, view: DriveObservation) -> MotionStep:
         """Take the knee for the zero; where the samples do not show it, begin again from further out."""
-        found = knee(self._samples, view.length)
-        self._profile = SpeedProfile(view.length)
+        found = knee(self._samples, view.pulled_length_m)
+        self._profile = SpeedProfile(view.pulled_length_m)
         if found is not None and self._shows(found):
             self.zero = found
             self._phase = _Phase.GO_TO_ZERO
@@ -201,22 +205,24 @@ class Homing:
             return self._failed(view, "the force does not show where the tendon becomes taut")
         else:
             self._again -= 1
-            self._start = min(self._start, view.length - self._limits.slack_travel / 2.0 if found is None else found)
+            self._start = min(
+                self._start, view.pulled_length_m - self._limits.slack_travel / 2.0 if found is None else found
+            )
             self._taut_since, self._phase = None, _Phase.LET_OUT
             self._samples.clear()
-        return MotionStep(view.length, self._limits.homing_tension)
+        return MotionStep(view.pulled_length_m, self._limits.homing_tension)
 
     def _go_to_zero(self, view: DriveObservation) -> MotionStep:
         assert self.zero is not None
         limits = self._limits
         self._profile.step(self.zero, self._pay_out_speed, limits.acceleration, view.dt)
-        if self._profile.position == self.zero and view.length - self.zero <= limits.position_tolerance:
+        if self._profile.position == self.zero and view.pulled_length_m - self.zero <= limits.position_tolerance:
             return MotionStep(self.zero, limits.tension_hold, MoveOutcome.REACHED, "homed")
         return MotionStep(self._profile.position, limits.tension_hold)
 
     def _failed(self, view: DriveObservation, reason: str) -> MotionStep:
         return MotionStep(
-            view.length, self._limits.homing_tension, MoveOutcome.FAULT, f"homing: {reason}", "homing_failed"
+            view.pulled_length_m, self._limits.homing_tension, MoveOutcome.FAULT, f"homing: {reason}", "homing_failed"
         )
 
 

@@ -53,7 +53,7 @@ class DriveObservation:
 
     Attributes:
         now, dt: [s] monotonic time and the time since the last step.
-        length, speed: [m], [m/s] pulled.
+        pulled_length_m, speed: [m], [m/s] pulled.
         tension: [N] median of three.
         pull: [N] single estimate with its sign.
         tension_cap: [N] the most that the guards allow now.
@@ -64,7 +64,7 @@ class DriveObservation:
 
     now: float
     dt: float
-    length: float
+    pulled_length_m: float
     speed: float
     tension: float
     pull: float
@@ -89,14 +89,14 @@ class MotionStep:
     """What a motion wants.
 
     Attributes:
-        length: [m] setpoint.
+        pulled_length_m: [m] setpoint.
         tension_limit: [N]
         outcome: None while it goes on.
         reason: in words, with the outcome.
         fault: name of the fault that ended it.
     """
 
-    length: float
+    pulled_length_m: float
     tension_limit: float
     outcome: MoveOutcome | None = None
     reason: str = ""
@@ -129,32 +129,33 @@ class Hold:
     winding_in = False
     paying_out = False
 
-    def __init__(self, length: float, tension_limit: float, state: DriveState = DriveState.HOLDING) -> None:
-        self.length = length
+    def __init__(self, pulled_length_m: float, tension_limit: float, state: DriveState = DriveState.HOLDING) -> None:
+        self.pulled_length_m = pulled_length_m
         self.tension_limit = tension_limit
         self.state = state
 
     def step(self, view: DriveObservation) -> MotionStep:
         """Keep the setpoint."""
-        return MotionStep(self.length, min(self.tension_limit, view.tension_cap))
+        return MotionStep(self.pulled_length_m, min(self.tension_limit, view.tension_cap))
 
 
 def _setpoint_now(view: DriveObservation, limits: TendonLimits) -> float:
     """Length [m] from which a motion goes on: where the setpoint stands, so that the pull goes on too."""
-    return view.length + max(-limits.max_following_error, min(limits.max_following_error, view.ahead))
+    return view.pulled_length_m + max(-limits.max_following_error, min(limits.max_following_error, view.ahead))
 
 
 def _held(view: DriveObservation, limits: TendonLimits) -> float:
     """Length [m] of a setpoint that holds what is pulled now, once the drive stands."""
-    return view.length + max(0.0, min(limits.max_following_error, view.standing_ahead))
+    return view.pulled_length_m + max(0.0, min(limits.max_following_error, view.standing_ahead))
 
 
 def _stalled(view: DriveObservation, cap: float, target: float) -> MotionStep:
     """Step of a motion that something is in the way of."""
-    off = abs(view.length - target)
+    off = abs(view.pulled_length_m - target)
     return MotionStep(
-        view.length, cap, MoveOutcome.FAULT, f"stands at {view.length * 1e3:.2f} mm, {off * 1e3:.2f} mm from the "
-        f"target, with {view.tension:.1f} N of {cap:.1f} N allowed", "stalled",
+        view.pulled_length_m, cap, MoveOutcome.FAULT,
+        f"stands at {view.pulled_length_m * 1e3:.2f} mm, {off * 1e3:.2f} mm from the target, "
+        f"with {view.tension:.1f} N of {cap:.1f} N allowed", "stalled",
     )  # fmt: skip
 
 
@@ -213,8 +214,10 @@ class MoveToLength:
     def step(self, view: DriveObservation) -> MotionStep:
         """Advance the setpoint, unless the drive has fallen behind."""
         cap = min(self._limit, view.tension_cap)
-        behind = self._profile.position - view.length
-        blocked = abs(behind) > self._limits.max_following_error and behind * (self._target - view.length) > 0.0
+        behind = self._profile.position - view.pulled_length_m
+        blocked = (
+            abs(behind) > self._limits.max_following_error and behind * (self._target - view.pulled_length_m) > 0.0
+        )
         if blocked:
             self._profile.velocity = 0.0
         else:
@@ -225,26 +228,26 @@ class MoveToLength:
             held = _held(view, self._limits)
             return MotionStep(
                 held, cap, MoveOutcome.TENSION_LIMIT, f"{view.tension:.1f} N met the limit of {cap:.1f} N before "
-                f"{self._target * 1e3:.2f} mm, at {view.length * 1e3:.2f} mm",
+                f"{self._target * 1e3:.2f} mm, at {view.pulled_length_m * 1e3:.2f} mm",
             )  # fmt: skip
-        close = abs(view.length - self._target) <= self._limits.position_tolerance
+        close = abs(view.pulled_length_m - self._target) <= self._limits.position_tolerance
         if at_target and close and abs(view.speed) <= self.SETTLED_SPEED:
             return MotionStep(
-                setpoint, cap, MoveOutcome.REACHED, f"at {view.length * 1e3:.2f} mm with {view.tension:.1f} N"
+                setpoint, cap, MoveOutcome.REACHED, f"at {view.pulled_length_m * 1e3:.2f} mm with {view.tension:.1f} N"
             )
-        if self._stall.step(view.now, view.length, moving=blocked or at_target):
+        if self._stall.step(view.now, view.pulled_length_m, moving=blocked or at_target):
             return self._stalled(view, cap)
         return MotionStep(setpoint, cap)
 
     def _stalled(self, view: DriveObservation, cap: float) -> MotionStep:
         """Done where it is nearly there, else a fault."""
-        off = abs(view.length - self._target)
+        off = abs(view.pulled_length_m - self._target)
         if off <= STALL_TOLERANCE_FACTOR * self._limits.position_tolerance:
             return MotionStep(
                 self._target,
                 cap,
                 MoveOutcome.REACHED,
-                f"at {view.length * 1e3:.2f} mm, {off * 1e3:.2f} mm off the target",
+                f"at {view.pulled_length_m * 1e3:.2f} mm, {off * 1e3:.2f} mm off the target",
             )
         return _stalled(view, cap, self._target)
 
@@ -279,24 +282,27 @@ class MoveToTension:
         if not met or (self._since is None and not view.steady):
             self._since = None
             end = self._limits.travel if self.winding_in else 0.0
-            if abs(self._profile.position - view.length) <= self._limits.max_following_error:
+            if abs(self._profile.position - view.pulled_length_m) <= self._limits.max_following_error:
                 self._profile.step(end, self._speed, self._limits.acceleration, view.dt)
         elif self._since is None:
             self._since = view.now
             self._profile.velocity = 0.0
         if self._since is not None and view.now - self._since >= self.SETTLED:
-            ahead = min(self._profile.position, view.length + self._limits.max_following_error)
+            ahead = min(self._profile.position, view.pulled_length_m + self._limits.max_following_error)
             if self.paying_out:
                 # A setpoint that went further out than the drive would pull it along, and the tension away.
-                ahead = max(ahead, view.length)
-            return MotionStep(ahead, target, MoveOutcome.REACHED, f"{view.tension:.1f} N at {view.length * 1e3:.2f} mm")
+                ahead = max(ahead, view.pulled_length_m)
+            return MotionStep(
+                ahead, target, MoveOutcome.REACHED, f"{view.tension:.1f} N at {view.pulled_length_m * 1e3:.2f} mm"
+            )
         at_end = self._profile.position in (0.0, self._limits.travel)
-        standing = self._stall.step(view.now, view.length, moving=self._since is None)
-        is_behind = abs(self._profile.position - view.length) > self._limits.max_following_error
+        standing = self._stall.step(view.now, view.pulled_length_m, moving=self._since is None)
+        is_behind = abs(self._profile.position - view.pulled_length_m) > self._limits.max_following_error
         if standing and not met and (at_end or is_behind):
             return MotionStep(
-                view.length, target, MoveOutcome.FAULT,
-                f"{view.tension:.1f} N of {target:.1f} N at {view.length * 1e3:.2f} mm, and it moves no further",
+                view.pulled_length_m, target, MoveOutcome.FAULT,
+                f"{view.tension:.1f} N of {target:.1f} N at {view.pulled_length_m * 1e3:.2f} mm, "
+                "and it moves no further",
                 "stalled",
             )  # fmt: skip
         return MotionStep(self._profile.position, target)
@@ -334,13 +340,13 @@ class Follow:
         target = max(min(0.0, before), min(self._limits.travel, self._trajectory.length(elapsed)))
         # Tracking must not lag behind a ramp: aim as far beyond the target as the profile needs to brake.
         self._profile.step(target, self._limits.speed, 4.0 * self._limits.acceleration, view.dt)
-        ahead = self._profile.position - view.length
+        ahead = self._profile.position - view.pulled_length_m
         blocked = abs(ahead) > self._limits.max_following_error and ahead * (self._profile.position - before) > 0.0
         if blocked:
             self._profile.stop_at(before)
         self.winding_in, self.paying_out = self._profile.position > before, self._profile.position < before
-        off = abs(view.length - target)
-        inwards = self.winding_in or view.length < target - self._limits.position_tolerance
+        off = abs(view.pulled_length_m - target)
+        inwards = self.winding_in or view.pulled_length_m < target - self._limits.position_tolerance
         if self._met.step(view, MoveToLength.MET * cap if inwards else math.inf):
             held = _held(view, self._limits)
             return MotionStep(
@@ -348,10 +354,12 @@ class Follow:
             )
         over = elapsed >= self._trajectory.duration and self._profile.position == target
         done = over and off <= self._limits.position_tolerance
-        if not done and self._stall.step(view.now, view.length, moving=blocked or over):
+        if not done and self._stall.step(view.now, view.pulled_length_m, moving=blocked or over):
             if off > STALL_TOLERANCE_FACTOR * self._limits.position_tolerance:
                 return _stalled(view, cap, target)
             done = True
         if done:
-            return MotionStep(target, cap, MoveOutcome.REACHED, f"trajectory done, at {view.length * 1e3:.2f} mm")
+            return MotionStep(
+                target, cap, MoveOutcome.REACHED, f"trajectory done, at {view.pulled_length_m * 1e3:.2f} mm"
+            )
         return MotionStep(self._profile.position, cap)

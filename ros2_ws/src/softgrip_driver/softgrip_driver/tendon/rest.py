@@ -67,7 +67,7 @@ class RestWatch:
 
 def _is_like(drive: DriveSnapshot, before: DriveSnapshot) -> bool:
     """Whether a drive shows what it did before, but for what wanders at rest."""
-    stays = abs(drive.length - before.length) <= MOTION_M
+    stays = abs(drive.pulled_length_m - before.pulled_length_m) <= MOTION_M
     return stays and _reported(drive) == _reported(before)
 
 

@@ -27,7 +27,7 @@ DEVICE_FILES = "tendon_safety-dev-*.yaml"
 
 
 def port_file(port: str) -> Path:
-    """Return where emergency stop and lock of a port's drives are kept, whoever opens it: in the user's ROS folder."""
+    """Return where emergency stop and lock of a port's drives or stage are kept, whoever opens it."""
     home = Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser()
     name = "".join(character if character.isalnum() else "-" for character in port).strip("-")
     return home / "softgrip" / f"tendon_safety-{name}.yaml"
@@ -190,5 +190,5 @@ def check_port_is_free_to_move(port: str) -> None:
     why = record.stop_reason or record.lock_reason or "a driver that works, or ended without letting go"
     raise SafetyStoreError(
         f"{port}: expected drives that nothing keeps from moving, found {found} ({why}; {store.path}); start the "
-        "driver and call estop_reset or tendon/unlock, then end it with Ctrl-C"
+        "node that drives it and call estop_reset (a rig: rig/stop_reset) or tendon/unlock, then end it with Ctrl-C"
     )

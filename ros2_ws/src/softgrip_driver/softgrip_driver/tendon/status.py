@@ -22,7 +22,7 @@ class DriveSnapshot:
     tendon: str
     state: DriveState
     homed: bool
-    length: float = math.nan
+    pulled_length_m: float = math.nan
     speed: float = math.nan
     tension: float = math.nan
     tension_stddev: float = math.nan

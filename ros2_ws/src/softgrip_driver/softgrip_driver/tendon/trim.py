@@ -35,7 +35,7 @@ class Trim:
 
     def step(self, step: MotionStep, view: DriveObservation) -> None:
         """Correct a motion's error; frozen at the tension limit."""
-        error = step.length - view.length
+        error = step.pulled_length_m - view.pulled_length_m
         lag = self.MAX_LAGS * NATURAL_LAG * view.speed
         error -= max(min(0.0, lag), min(max(0.0, lag), error))
         if view.tension < MoveToLength.MET * step.tension_limit and abs(error) < self._max_following_error:

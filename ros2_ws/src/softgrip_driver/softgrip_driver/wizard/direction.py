@@ -4,11 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from softgrip_description.cell_file import ChainServo
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.errors import ConfigurationError, NoReplyError
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
+from softgrip_driver.wizard.chain import SPOOL_RADIUS_M, model_of
 
 #: [m] that a goal may be ahead of a spool that is held
 MAX_AHEAD_M = 0.003
@@ -16,6 +18,8 @@ MAX_AHEAD_M = 0.003
 HELD_SPEED_M_S, HELD_FOR_S = 1e-3, 0.25
 #: [m] beyond the way that was held in one direction, which must be free in the other
 BEYOND_M = 0.003
+#: small pulls: [N], or what turns the gears and so much more
+MIN_PULL_N, PULL_SHARE = 2.0, 1.3
 _READ_TIMEOUT_S = 1.0
 
 
@@ -89,6 +93,47 @@ def read_drive(backend: DynamixelBackend) -> DriveReading:
         if reading is not None:
             return reading
     raise NoReplyError(f"tendon '{name}': expected a reading within 1 s, found none; check cable and supply")
+
+
+def measure_direction(
+    servo: ChainServo, make_backend: Callable[[ChainServo], DynamixelBackend], pull: SpoolPull | None = None
+) -> int:
+    """Return the direction (1, -1) in which a servo winds its tendon in, found by small pulls both ways.
+
+    Args:
+        servo: whose direction is looked for; the one that it has is not believed.
+        make_backend: a backend of this servo alone, not connected.
+        pull: how it pulls; its tension is raised to what turns the gears of the servo's model.
+
+    Raises:
+        ConfigurationError: the tendon is held in neither direction, or in both.
+        DriverError: of the servo.
+    """
+    pull = pull or SpoolPull()
+    gears_n = model_of(servo).needs.homing_torque / (servo.spool_radius_m or SPOOL_RADIUS_M)
+    pull = replace(pull, tension_n=max(MIN_PULL_N, PULL_SHARE * gears_n))
+
+    def find_end(direction: int) -> float | None:
+        backend = make_backend(replace(servo, direction=direction))
+        try:
+            with backend.bus.clock.stepping():
+                backend.connect()
+                return pull.find_end(backend)
+        finally:
+            backend.disconnect()
+
+    try:
+        return find_direction(find_end, pull.reach_m)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{servo.tendon}: {error}") from error
+
+
+def reversed_spool_remedy(servo: ChainServo) -> str:
+    """Return what to do about a tendon that is wound the other way round than the cell file says."""
+    return (
+        f"the tendon of '{servo.tendon}' is wound the other way round than the cell file says: wind it anew, or take "
+        "direction and slack_m of this servo out of the file and run `ros2 run softgrip_driver wizard`"
+    )
 
 
 def find_direction(find_end: Callable[[int], float | None], reach_m: float) -> int:

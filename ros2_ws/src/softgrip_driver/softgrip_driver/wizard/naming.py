@@ -11,7 +11,13 @@ from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.bringup import BOOT_LOADER_REMEDY, FACTORY_BAUD
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODEL_NAMES, MODELS, ServoModel
-from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, WrongDeviceError
+from softgrip_driver.errors import (
+    ConfigurationError,
+    CorruptReplyError,
+    DeviceNotFoundError,
+    NoReplyError,
+    WrongDeviceError,
+)
 from softgrip_time import Clock
 
 #: [s] for the answers at each baud rate
@@ -117,5 +123,8 @@ def name_servo(found: Found, servo_id: int, baud: int, reply_margin: float, cloc
 
 def is_verified(bus: Bus, servo_id: int, model: str) -> bool:
     """Whether a servo of an earlier session answers as what it was then."""
-    number, _ = bus.ping(servo_id, attempts=3)
+    try:
+        number, _ = bus.ping(servo_id, attempts=3)
+    except (NoReplyError, CorruptReplyError):
+        return False
     return MODELS[model].number == number and not bus.is_shared(servo_id)

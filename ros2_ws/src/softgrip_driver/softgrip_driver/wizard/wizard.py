@@ -14,6 +14,7 @@ from softgrip_driver.commands import selftest
 from softgrip_driver.commands.person import Terminal
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
 from softgrip_driver.dynamixel.backend import DynamixelBackend
+from softgrip_driver.dynamixel.bringup import who_answers
 from softgrip_driver.dynamixel.drive_set import SHIPPED_LOOP_RATE
 from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError
 from softgrip_driver.tendon.gripper import GripperController
@@ -26,16 +27,12 @@ from softgrip_driver.wizard.chain import (
     make_loop,
     open_bus,
 )
-from softgrip_driver.wizard.chain import model_of as servo_model
-from softgrip_driver.wizard.direction import SpoolPull, find_direction
+from softgrip_driver.wizard.direction import SpoolPull, measure_direction, reversed_spool_remedy
 from softgrip_driver.wizard.naming import describe_past, find_new_servo, is_verified, model_of, name_servo
 from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan, release
 from softgrip_time import Clock
 
 Result = TypeVar("Result")
-
-#: small pulls: [N], or what turns the gears and so much more
-MIN_PULL_N, PULL_SHARE = 2.0, 1.3
 
 
 @dataclass(frozen=True)
@@ -89,6 +86,8 @@ class SetupWizard:
         chain = self._cell.servos or ServoChain("", settings.baud)
         self._chain = replace(chain, port=settings.port or chain.port, baud=chain.baud or settings.baud)
         self._tendons = settings.tendons or tuple(servo.tendon for servo in chain.chain)
+        #: whose directions this run has found; those of the file may be of a tendon that was wound anew since
+        self._turned = set[str]()
 
     @property
     def baud(self) -> int:
@@ -141,8 +140,8 @@ class SetupWizard:
             for servo in self._chain.chain:
                 if not is_verified(bus, servo.servo_id, servo.model):
                     raise DeviceNotFoundError(
-                        f"{servo.tendon}: expected one {servo.model} with ID {servo.servo_id}, found another or more; "
-                        f"see `ros2 run softgrip_driver scan --port {self._chain.port}`"
+                        f"{servo.tendon}: expected one {servo.model} with ID {servo.servo_id} at {self.baud} baud, "
+                        f"found {who_answers(bus)}"
                     )
             late_s = bus.turnaround(self._chain.chain[0].servo_id)
         self._person.say(f"chain: {', '.join(f'{one.tendon} = ID {one.servo_id}' for one in self._chain.chain)}")
@@ -161,23 +160,28 @@ class SetupWizard:
             f"tie.{tendon}",
             f"Tie the tendon of '{tendon}' to its spool and finger, take up most of its slack, keep your hands away",
         )
-        torque_n = servo_model(servo).needs.homing_torque / (servo.spool_radius_m or self._settings.spool_radius_m)
-        pull = replace(self._settings.pull, tension_n=max(MIN_PULL_N, PULL_SHARE * torque_n))
-
-        def find_end(direction: int) -> float | None:
-            backend = self._backend([replace(servo, direction=direction)])
-            try:
-                with backend.bus.clock.stepping():
-                    backend.connect()
-                    return pull.find_end(backend)
-            finally:
-                backend.disconnect()
-
-        direction = find_direction(find_end, pull.reach_m)
+        direction = self._measured_direction(servo)
+        self._turned.add(tendon)
         self._keep(replace(servo, direction=direction))
         self._person.say(
             f"{tendon}: a {'positive' if direction > 0 else 'negative'} rotation pulls (direction {direction})"
         )
+
+    def _measured_direction(self, servo: ChainServo) -> int:
+        return measure_direction(servo, lambda one: self._backend([one]), self._settings.pull)
+
+    def _check_directions(self, servos: Sequence[ChainServo]) -> None:
+        """See that tendons whose direction the file says are wound that way: homing would pay the others out."""
+        for servo in servos:
+            if servo.tendon in self._turned or servo.direction is None:
+                continue
+            found = self._measured_direction(servo)
+            if found != servo.direction:
+                raise ConfigurationError(
+                    f"{servo.tendon}: expected a spool that pulls in direction {servo.direction}, found {found}; "
+                    f"{reversed_spool_remedy(servo)}"
+                )
+            self._turned.add(servo.tendon)
 
     def _tension(self) -> None:
         """Wind, hold, release all tendons."""
@@ -185,6 +189,7 @@ class SetupWizard:
         if not servos:
             return
         self._person.confirm("straight", "See that the fingers are straight and free, keep your hands away")
+        self._check_directions(servos)
         plan = self._settings.tensioning
         backend, controller = self._backend(servos), chain_controller(self._chain, servos)
         try:

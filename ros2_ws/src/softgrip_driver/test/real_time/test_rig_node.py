@@ -6,6 +6,7 @@ from __future__ import annotations
 import gc
 import itertools
 import os
+import re
 import resource
 import signal
 import socket
@@ -24,9 +25,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from softgrip_driver.tendon.safety_store import SafetyStoreError, check_port_is_free_to_move
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_interfaces.action import CalibrateFriction
-from softgrip_interfaces.msg import FrictionModel, FrictionSample, SafetyState
+from softgrip_interfaces.msg import FrictionModel, FrictionSample, RigProgress, SafetyState
 from softgrip_interfaces.srv import ActivateFrictionModel, ListFrictionModels
 from softgrip_model.friction.published import published_ids
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, nanoseconds
@@ -84,6 +86,7 @@ class Person(Node):
             [sys.executable, "-m", "softgrip_driver.nodes.friction_rig", "--ros-args", *settings],
             stderr=subprocess.PIPE,
             text=True,
+            env={**os.environ, "ROS_HOME": str(folder)},  # where a stop of its own is kept
         )
         return self.process
 
@@ -222,6 +225,52 @@ def test_cancelling_keeps_what_was_measured_and_resuming_goes_on(person: Person,
     assert result.model.points == 5
 
 
+def late_progress(person: Person) -> list[RigProgress]:
+    """What rig/progress says to somebody who comes now; filled as messages come."""
+    found: list[RigProgress] = []
+    person.create_subscription(RigProgress, "rig/progress", found.append, LATCHED)
+    person.until(lambda: bool(found), "rig/progress")
+    return found
+
+
+@pytest.mark.slow
+def test_who_comes_late_knows_where_the_measurement_stands_and_goes_on_with_it(person: Person, tmp_path: Path) -> None:
+    person.start(tmp_path)
+    person.waits_at = "the wrap angle to 49.8473"  # 0.87 rad: the third point
+    handle = person.goal()
+    person.until(lambda: len(person.samples) == 2 and person.steps[-1].index == 2, "the third point to be asked for")
+    seen = late_progress(person)
+    waiting = seen[-1]
+    assert (waiting.running, waiting.confirmation, waiting.index, waiting.total) == (True, True, 2, 5)
+    assert (waiting.angle, waiting.load) == (0.87, 0.6)
+    assert waiting.instruction == person.steps[-1].instruction
+    assert [sample.tension_high for sample in waiting.samples] == [sample.tension_high for sample in person.samples]
+    refused = person.result(person.goal())
+    assert refused.outcome == CalibrateFriction.Result.FAILED
+    assert seen[-1].confirmation  # a goal that was refused beside it changes nothing
+    person.waits_at = ""
+    person.do(waiting)
+    person.until(lambda: not seen[-1].confirmation, "the confirmation to be taken")
+    result = person.result(handle)
+    person.until(lambda: not seen[-1].running, "the end")
+    assert (seen[-1].outcome, seen[-1].model) == (CalibrateFriction.Result.SUCCEEDED, result.model.id)
+    assert len(seen[-1].samples) >= 5
+
+
+@pytest.mark.slow
+def test_a_rig_that_was_killed_says_which_plan_can_be_resumed(person: Person, tmp_path: Path) -> None:
+    person.start(tmp_path)
+    assert late_progress(person)[-1] == RigProgress(header=late_progress(person)[-1].header)  # nothing was measured
+    person.goal()
+    person.until(lambda: len(person.samples) >= 2, "two points")
+    person.kill()
+    person.start(tmp_path)
+    progress = late_progress(person)
+    person.until(lambda: bool(progress[-1].reason), "the broken plan")
+    assert not progress[-1].running
+    assert re.search(r"plan \S+-custom was broken off after \d points: resume it", progress[-1].reason)
+
+
 def test_a_model_that_the_disk_cannot_hold_is_in_the_result_with_the_reason(person: Person, tmp_path: Path) -> None:
     process = person.start(tmp_path)
     person.waits_at = "zero is checked"
@@ -342,12 +391,19 @@ def test_nothing_is_pulled_before_the_safety_state_was_seen_or_after_its_publish
     stands_still(person)
 
 
-def test_a_bench_without_tendons_has_a_stop_of_its_own_that_stays(person, tmp_path):
+def test_a_bench_without_tendons_has_a_stop_of_its_own_that_stays(person, tmp_path, monkeypatch):
     person.start(tmp_path, "safety_source:=none")
     handle = pulling(person)
     assert person.call(Trigger, "rig/stop", Trigger.Request()).success
     assert "rig/stop" in person.result(handle).reason
     stands_still(person)
+    person.kill()
+    # Whoever moves this stand asks the same file, and so does the node when it keeps its models elsewhere.
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
+    with pytest.raises(SafetyStoreError, match="an emergency stop"):
+        check_port_is_free_to_move(str(tmp_path / "stand"))
+    person.start(tmp_path, "safety_source:=none", f"model_dir:={tmp_path / 'others'}")
+    assert "rig/stop_reset" in person.result(person.goal()).reason
     person.kill()
     person.start(tmp_path, "safety_source:=none")
     assert "rig/stop_reset" in person.result(person.goal()).reason

@@ -4,15 +4,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from softgrip_emulator.dynamixel.packets import Instruction, Packet, StatusError
-from softgrip_emulator.dynamixel.registers import WriteRefusedError
+from softgrip_emulator.dynamixel.registers import Registers, WriteRefusedError
+from softgrip_emulator.dynamixel.table import EmulatedServoModel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from softgrip_emulator.dynamixel.servo import EmulatedServo
 
 _CLEAR_KEY: Final = bytes([0x01, 0x44, 0x58, 0x4C, 0x22])
 _BACKUP_KEY: Final = bytes([0x43, 0x54, 0x52, 0x4C])
@@ -31,10 +30,36 @@ class InstructionReply:
     parameters: bytes = b""
 
 
+class InstructedServo(Protocol):
+    """What instructions need of the servo that obeys them."""
+
+    registers: Registers
+    model: EmulatedServoModel
+
+    @property
+    def alert(self) -> int:
+        """Bit of the status that says that there is a hardware error."""
+
+    def read_for_host(self, address: int, length: int, now_s: float) -> InstructionReply:
+        """Give the items from an address on."""
+
+    def write_for_host(self, address: int, data: bytes, now_s: float) -> InstructionReply:
+        """Take the items from an address on."""
+
+    def moving(self) -> bool:
+        """Whether the shaft turns."""
+
+    def fold(self) -> None:
+        """Take whole turns out of the present position."""
+
+    def lose_power(self, now_s: float) -> None:
+        """Boot again."""
+
+
 class Instructions:
     """Obeys instructions for one servo and keeps what they leave behind: a registered write, a backup."""
 
-    def __init__(self, servo: EmulatedServo) -> None:
+    def __init__(self, servo: InstructedServo) -> None:
         self._servo = servo
         self._registered: tuple[int, bytes] | None = None
         self._backup: bytes | None = None

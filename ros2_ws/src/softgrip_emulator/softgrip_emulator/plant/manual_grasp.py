@@ -22,17 +22,17 @@ _AFTERWARDS_S: Final = 0.3
 
 
 class HandPulledCell(CellPlant):
-    """Three fingers of one set; `pulled_m` (3,) is how far each tendon is pulled beyond taut [m]."""
+    """Three fingers of one set; `pulled_length_m` (3,) is how far each tendon is pulled beyond taut [m]."""
 
     def __init__(self, profiles: Mapping[str, Profile], finger_set: str, *, seed: int) -> None:
-        self.pulled_m: NDArray[np.float64] = np.zeros(len(SLOTS))
+        self.pulled_length_m: NDArray[np.float64] = np.zeros(len(SLOTS))
         super().__init__(profiles, seed=seed)
         self.mount(SLOTS, [f"{finger_set}-{slot}" for slot in SLOTS], [finger_set] * len(SLOTS))
 
     def wound_m(self) -> NDArray[np.float64]:
         """Cable wound since mounting [m], (3,): slack first, then what is pulled."""
         slack = self.bank.slack_m if hasattr(self, "bank") else 0.0
-        return np.asarray(self.pulled_m + slack)
+        return np.asarray(self.pulled_length_m + slack)
 
     def close(
         self,
@@ -54,8 +54,8 @@ class HandPulledCell(CellPlant):
         """
         stopped = np.zeros(len(SLOTS), bool)
         for _ in range(round(max_s / STEP_S)):
-            forward = np.minimum(self.pulled_m + speed_m_s * STEP_S, travel_m)
-            self.pulled_m = np.where(stopped, self.pulled_m, forward)
+            forward = np.minimum(self.pulled_length_m + speed_m_s * STEP_S, travel_m)
+            self.pulled_length_m = np.where(stopped, self.pulled_length_m, forward)
             self.step()
             tension = self.bank.tension_n
             stopped |= tension > limit_n

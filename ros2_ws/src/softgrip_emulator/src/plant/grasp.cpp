@@ -30,7 +30,7 @@ constexpr double kLostWay_m = 0.030;
 constexpr double kHeldSpeed_m_s = 0.002;
 constexpr double kSetDownPayout_m = 0.002;
 constexpr double kFar_m = 0.006;
-constexpr int kNapSteps = 4;
+constexpr int kSleepSteps = 4;
 
 double sum(const std::vector<double>& values) {
   return std::accumulate(values.begin(), values.end(), 0.0);
@@ -57,8 +57,8 @@ void Grasp::clear() {
   for (auto& row : traces_) row.clear();
   press_nothing();
   lifted_ = slipped_ = crushed_ = false;
-  settled_s_ = push_before_n_ = most_wound_m_ = 0.0;
-  nap_ = 0;
+  settled_s_ = push_before_n_ = max_wound_m_ = 0.0;
+  sleep_steps_ = 0;
 }
 
 void Grasp::press_nothing() {
@@ -92,8 +92,8 @@ bool Grasp::held() const {
 
 const JointLoad* Grasp::load(const FingerBank& bank, double wound_m, double dt_s) {
   if (!product_) return nullptr;
-  if (nap_ > 0) {
-    --nap_;
+  if (sleep_steps_ > 0) {
+    --sleep_steps_;
     return nullptr;
   }
   const double stiffness = stiffness_n_per_m();
@@ -137,7 +137,7 @@ double Grasp::find_contacts(const FingerBank& bank, double stiffness) {
 void Grasp::loosen(double nearest_m, double dt_s) {
   press_nothing();
   for (auto& row : traces_) row.clear();
-  if (nearest_m > kFar_m && !lifted_) nap_ = kNapSteps;
+  if (nearest_m > kFar_m && !lifted_) sleep_steps_ = kSleepSteps;
   if (!lifted_) return;
   velocity_m_s_ = {0.0, kLeftBehind_m_s};
   centre_m_ += velocity_m_s_ * dt_s;
@@ -159,9 +159,9 @@ void Grasp::drag(double stiffness, double dt_s) {
       const Trace& before = traces_before_[contact.slot][contact.pad];
       stick_m = before.stick_m + (now.at_m - before.at_m - velocity_m_s_ * dt_s).dot(contact.tangent);
     }
-    const double most_m = product_->friction * contact.push_n / stiffness;
-    contact.sticks = std::abs(stick_m) <= most_m && contact.push_n > 0.0;
-    now.stick_m = std::clamp(stick_m, -most_m, most_m);
+    const double limit_m = product_->friction * contact.push_n / stiffness;
+    contact.sticks = std::abs(stick_m) <= limit_m && contact.push_n > 0.0;
+    now.stick_m = std::clamp(stick_m, -limit_m, limit_m);
     contact.drag_n = -stiffness * now.stick_m;
   }
 }
@@ -206,8 +206,8 @@ void Grasp::watch(double wound_m, double dt_s) {
   const double total_n = sum(push_n);
   const double hardest_n = std::max(palm_push_n_, *std::max_element(push_n.begin(), push_n.end()));
   if (hardest_n > product_->crush_n) crushed_ = true;
-  most_wound_m_ = std::max(most_wound_m_, wound_m);
-  if (most_wound_m_ - wound_m > kSetDownPayout_m) {
+  max_wound_m_ = std::max(max_wound_m_, wound_m);
+  if (max_wound_m_ - wound_m > kSetDownPayout_m) {
     // The fingers open: the arm has set the product down before.
     lifted_ = false;
     return;
@@ -222,8 +222,8 @@ void Grasp::watch(double wound_m, double dt_s) {
 void Grasp::lean_on_palm(double stiffness, double dt_s) {
   const double depth_m = palm_m_ + 0.5 * product_->height_m - centre_m_.y();
   palm_push_n_ = stiffness * std::max(0.0, depth_m);
-  const double most_m = product_->friction * palm_push_n_ / stiffness;
-  palm_stick_m_ = std::clamp(palm_stick_m_ + velocity_m_s_.x() * dt_s, -most_m, most_m);
+  const double limit_m = product_->friction * palm_push_n_ / stiffness;
+  palm_stick_m_ = std::clamp(palm_stick_m_ + velocity_m_s_.x() * dt_s, -limit_m, limit_m);
 }
 
 void Grasp::move_product(double stiffness, double dt_s) {

@@ -153,10 +153,10 @@ Tendon::Pull Tendon::pull(double wound_m, double slack_m, bool broken) const {
   for (std::size_t j = 0; j < span_m_.size(); ++j) {
     stretching_m += ratio_[2 * j] * span_m_[j] + ratio_[2 * j + 1] * link_span_m_[j + 1];
   }
-  const double excess_m = wound_m - pulled_length_m() - slack_m - lengthened_m();
-  if (broken || excess_m <= 0.0) return {0.0, 0.0};
+  const double stretch_m = wound_m - pulled_length_m() - slack_m - lengthened_m();
+  if (broken || stretch_m <= 0.0) return {0.0, 0.0};
   const double rate_n_per_m = make_.cable_stiffness_n / stretching_m;
-  return {excess_m * rate_n_per_m, rate_n_per_m};
+  return {stretch_m * rate_n_per_m, rate_n_per_m};
 }
 
 // Unstretched cable beyond each contact [m], (2 n): less of it means that cable came out past the contact.

@@ -13,7 +13,7 @@ Product bar() {
 
 // Of a point outside, from points every 0.1 mm around the outline.
 double nearest_of_many(const Product& p, const Eigen::Vector2d& from) {
-  double least = 1.0;
+  double nearest = 1.0;
   for (int side = 0; side < 4; ++side) {
     const double sx = side % 2 == 0 ? 1.0 : -1.0, sy = side < 2 ? 1.0 : -1.0;
     const Eigen::Vector2d core(p.width_m / 2 - p.corner_m, p.height_m / 2 - p.corner_m);
@@ -22,11 +22,11 @@ double nearest_of_many(const Product& p, const Eigen::Vector2d& from) {
       const Eigen::Vector2d corner(core.x() + p.corner_m * std::cos(angle), core.y() + p.corner_m * std::sin(angle));
       const Eigen::Vector2d top(share * core.x(), p.height_m / 2), right(p.width_m / 2, share * core.y());
       for (const Eigen::Vector2d& at : {corner, top, right}) {
-        least = std::min(least, (Eigen::Vector2d(sx * at.x(), sy * at.y()) - from).norm());
+        nearest = std::min(nearest, (Eigen::Vector2d(sx * at.x(), sy * at.y()) - from).norm());
       }
     }
   }
-  return least;
+  return nearest;
 }
 
 TEST(Outline, DistanceIsToTheNearestPoint) {

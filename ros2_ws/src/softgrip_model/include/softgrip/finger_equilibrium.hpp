@@ -122,9 +122,9 @@ struct Finger {
   SOFTGRIP_APART void prepare_flexures() {
     if (!within(FlexureRange{}, design)) remarks |= kFlexureOutside;
     // a span can vanish where its strip gives; links shorten by less than this
-    constexpr double kMostShortening = 0.1;
+    constexpr double kMaxShortening = 0.1;
     reach_mm = 0.0;
-    for (int j = 0; j < design.joints; ++j) reach_mm += straight_span_mm[j] + kMostShortening * design.link_mm[j];
+    for (int j = 0; j < design.joints; ++j) reach_mm += straight_span_mm[j] + kMaxShortening * design.link_mm[j];
     sides = FlexureSides(design);
     flexure = flexures_of(design, sides, design.thickness_mm, design.routing_mm, 1.0,
                           [](const ShapeJet& x, int, int) { return x.value; });
@@ -269,9 +269,9 @@ struct SweepOf {
   Real log_tip_step;
   std::uint8_t friction_status = 0;
 
-  // `wanted`: the prescribed quantity; of a tension its ln.
+  // `prescribed`: the prescribed quantity; of a tension its ln.
   template <typename HalfAngles>
-  SweepOf(const Finger& finger, const StateOf<Real>& x, Control control, const Real& wanted,
+  SweepOf(const Finger& finger, const StateOf<Real>& x, Control control, const Real& prescribed,
           PerJoint<HalfAngles>& half_angles) {
     const Design& d = finger.design;
     const int n = d.joints;
@@ -289,10 +289,10 @@ struct SweepOf {
       hinge(finger, j, x.angle_rad[j], along, beyond, half_angles[j]);
     }
     const Linear<Real> row = controlled(control, n);
-    log_tip_step = (wanted - row.value - row.constant) / row.slope;
+    log_tip_step = (prescribed - row.value - row.constant) / row.slope;
   }
 
-  // What `wanted` is compared with.
+  // What `prescribed` is compared with.
   Linear<Real> controlled(Control control, int n) const {
     if (control == Control::PulledLength) return pulled_mm;
     if (control == Control::Tension) return log_tension[0];
@@ -466,12 +466,12 @@ inline constexpr double kSmallestStep = 1e-6;
 inline void newton(const Finger& finger, State x, Control control, double target, PerJoint<TurningHalfAngle>& turning,
                    Equilibrium& out) {
   constexpr double kLargestAngleStep = 0.25, kLargestLogStep = 1.0;
-  constexpr int kMostIterations = 60;
+  constexpr int kMaxIterations = 60;
   const int n = finger.design.joints;
-  const double wanted = control == Control::Tension ? std::log(target) : target;
+  const double prescribed = control == Control::Tension ? std::log(target) : target;
   out.status = kNotConverged;
-  for (out.iterations = 1; out.iterations <= kMostIterations; ++out.iterations) {
-    const Sweep sweep(finger, x, control, wanted, turning);
+  for (out.iterations = 1; out.iterations <= kMaxIterations; ++out.iterations) {
+    const Sweep sweep(finger, x, control, prescribed, turning);
     // a blow-up first: the NaN that it leaves is invalid for the bends further on
     if ((sweep.friction_status & friction::kBlowUp) != 0) {
       out.status = kFrictionBlowUp;
@@ -511,13 +511,13 @@ inline void newton(const Finger& finger, State x, Control control, double target
 // Newton for lanes from good starts. Where a start is so poor that Newton needs damping, or a lane has no value, it
 // gives up (false): those targets are better looked at one by one.
 template <typename Real>
-inline bool newton_lanes(const Finger& finger, StateOf<Real> x, Control control, const Real& wanted,
+inline bool newton_lanes(const Finger& finger, StateOf<Real> x, Control control, const Real& prescribed,
                          EquilibriumOf<Real>& out) {
   constexpr double kLargestStep = 0.1;
-  constexpr int kMostIterations = 4;
+  constexpr int kMaxIterations = 4;
   PerJoint<EachHalfAngle> half_angles;
-  for (out.iterations = 1; out.iterations <= kMostIterations; ++out.iterations) {
-    const SweepOf<Real> sweep(finger, x, control, wanted, half_angles);
+  for (out.iterations = 1; out.iterations <= kMaxIterations; ++out.iterations) {
+    const SweepOf<Real> sweep(finger, x, control, prescribed, half_angles);
     const Real& ds = sweep.log_tip_step;
     Real largest = abs(ds);
     MaskOf<Real> open = largest < kLargestStep, wrong = Real{} != Real{};

@@ -180,21 +180,21 @@ class SensitivityPass {
 
   void close_with(Control control, double target) {
     Column row{};
-    double slope = 0.0, wanted = 1.0;
+    double slope = 0.0, prescribed_slope = 1.0;
     if (control == Control::PulledLength) {
       row = pulled_;
       slope = pulled_slope_;
     } else if (control == Control::Tension) {
       row = log_;
       slope = log_slope_;
-      wanted = 1.0 / target;
+      prescribed_slope = 1.0 / target;
     } else {
       for (int j = 0; j < n_; ++j) {
         for (int p = 0; p < columns_; ++p) row[p] += angle_[j][p];
         slope += angle_slope_[j];
       }
     }
-    for (int p = 0; p < columns_; ++p) log_tip_[p] = ((p == 0 ? wanted : 0.0) - row[p]) / slope;
+    for (int p = 0; p < columns_; ++p) log_tip_[p] = ((p == 0 ? prescribed_slope : 0.0) - row[p]) / slope;
   }
 
   void write(const Equilibrium& at, double tip_tension, double actuator_tension) {

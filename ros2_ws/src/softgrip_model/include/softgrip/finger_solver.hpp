@@ -92,7 +92,7 @@ class March {
       known_ = 0;
       found = solve(finger_, control_, target);
     }
-    if ((found.status & (kFailure | kSlack)) == kOk) remember(target, log_target, found.state);
+    if ((found.status & (kFailure | kSlack)) == kOk) keep_solution(target, log_target, found.state);
     return found;
   }
 
@@ -108,10 +108,10 @@ class March {
       target[i] = targets[i];
       log_target[i] = std::log(targets[i]);
     }
-    const Real& wanted = control_ == Control::Tension ? log_target : target;
-    if (!newton_lanes(finger_, ahead(target, log_target), control_, wanted, found)) return false;
+    const Real& prescribed = control_ == Control::Tension ? log_target : target;
+    if (!newton_lanes(finger_, ahead(target, log_target), control_, prescribed, found)) return false;
     for (int i = std::max(0, kNext - kPoints); i < kNext; ++i)
-      remember(target[i], log_target[i], lane_of(found.state, i));
+      keep_solution(target[i], log_target[i], lane_of(found.state, i));
     return true;
   }
 
@@ -148,7 +148,7 @@ class March {
     return x;
   }
 
-  void remember(double target, double log_target, const State& found) {
+  void keep_solution(double target, double log_target, const State& found) {
     newest_ = known_ == 0 ? 0 : (newest_ + 1) % kPoints;
     known_ = std::min(known_ + 1, kPoints);
     last_target_ = target;

@@ -329,7 +329,7 @@ def _finger_result(
     """Return what a closing gave, beside the profile's own mesh where it is that of a solid."""
     states = [
         {
-            "pulled_m": shape.pulled_length,
+            "pulled_length_m": shape.pulled_length_m,
             "tip_m": shape.tip.tolist(),
             "tension_n": list(shape.tension),
             "converged": shape.converged,
@@ -349,7 +349,7 @@ def _finger_result(
     data = {"case": case.title, "hexahedra": path.hexahedra, "prepare_s": shown.prepare_s, "states": states}
     rows = [
         ("mesh", f"{path.hexahedra} hexahedra, {1e3 * shown.prepare_s:.0f} ms for the keyframes"),
-        ("converged up to", f"{1e3 * last.pulled_length:.1f} mm of {1e3 * case.pull_m:.1f} mm pulled"),
+        ("converged up to", f"{1e3 * last.pulled_length_m:.1f} mm of {1e3 * case.pull_m:.1f} mm pulled"),
         ("time of a shape", f"median {1e3 * float(np.median([s.solve_time for s in reached])):.1f} ms"),
     ]
     for state in states[max(0, len(states) // 5 - 1) :: max(1, len(states) // 5)]:
@@ -358,7 +358,7 @@ def _finger_result(
             others = {"profile's mesh": (state["own_mesh_tip_m"], state["own_mesh_tension_n"])} | others
         ours = f"tip {_place(state['tip_m'], state['tension_n'][0])}"
         texts = [ours, *(f"{name} {_place(tip, tension)}" for name, (tip, tension) in others.items())]
-        rows.append((f"pulled {1e3 * state['pulled_m']:.1f} mm", "; ".join(texts)))
+        rows.append((f"pulled {1e3 * state['pulled_length_m']:.1f} mm", "; ".join(texts)))
     mesh = path.finger_mesh.mesh
     displacement = 1e3 * last.vertices - mesh.nodes
     return SimulationResult(rows, data, mesh, displacement, last.strain, "mm", None, len(reached) == len(shown.shapes))

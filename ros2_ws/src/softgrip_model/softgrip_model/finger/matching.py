@@ -28,7 +28,7 @@ class TendonInput:
 
     stamp: int
     """[ns]"""
-    pulled_length: float
+    pulled_length_m: float
     velocity: float
     """NaN when the source gives none: it is then taken from the pulled lengths"""
     tension: float
@@ -58,7 +58,7 @@ class Matcher(Generic[Measured]):
             self._waiting.clear()
         if math.isnan(sample.velocity) and self._samples:
             last = self._samples[-1]
-            velocity = (sample.pulled_length - last.pulled_length) / to_s(sample.stamp - last.stamp)
+            velocity = (sample.pulled_length_m - last.pulled_length_m) / to_s(sample.stamp - last.stamp)
             sample = dataclasses.replace(sample, velocity=velocity)
         self._samples.append(sample)
         while sample.stamp - self._samples[0].stamp > self._span:
@@ -98,7 +98,7 @@ class Matcher(Generic[Measured]):
         share = (stamp - a.stamp) / (b.stamp - a.stamp)
         return TendonInput(
             stamp,
-            a.pulled_length + share * (b.pulled_length - a.pulled_length),
+            a.pulled_length_m + share * (b.pulled_length_m - a.pulled_length_m),
             a.velocity + share * (b.velocity - a.velocity),
             a.tension + share * (b.tension - a.tension),
         )

@@ -63,7 +63,7 @@ class TendonReading:
     """One tendon at one instant."""
 
     finger: str
-    pulled_length: float
+    pulled_length_m: float
     """[m]"""
     velocity: float = 0.0
     """[m/s], + closes; NaN when unknown."""
@@ -75,7 +75,7 @@ class Prediction:
 
     finger: str
     profile: str
-    pulled_length: float
+    pulled_length_m: float
     joint_angles: Array
     """(n,) [rad]"""
     joint_angles_stddev: Array | None
@@ -205,7 +205,9 @@ class Configuration:
         if not mounted:
             return []
         slots = tuple(reading.finger for reading in mounted)
-        question = [(reading.pulled_length, _is_paying_out(reading), known.get(reading.finger)) for reading in mounted]
+        question = [
+            (reading.pulled_length_m, _is_paying_out(reading), known.get(reading.finger)) for reading in mounted
+        ]
         newest = self._newest.get(slots)
         if newest is None or newest[0] != question:
             newest = self._newest[slots] = question, self._predict(mounted, known)
@@ -213,7 +215,7 @@ class Configuration:
 
     def _predict(self, mounted: Sequence[TendonReading], known: Mapping[str, Knowledge]) -> list[Prediction]:
         kernel = self._kernel(tuple(reading.finger for reading in mounted))
-        targets = np.array([[1e3 * reading.pulled_length] for reading in mounted])
+        targets = np.array([[1e3 * reading.pulled_length_m] for reading in mounted])
         solution = kernel.solve(targets, march=False, gradient=True, threads=1)
         predicted = [self._prediction(reading, solution, i, 0) for i, reading in enumerate(mounted)]
         return [_as_known(one, known.get(one.finger)) for one in predicted]
@@ -236,9 +238,9 @@ class Configuration:
         friction = self.friction_of(slot)
         return Causes(self.fingers[slot], friction.law, friction.covariance, prior, self._room_mm[slot])
 
-    def solve(self, slot: str, pulled_length: float) -> Solution:
+    def solve(self, slot: str, pulled_length_m: float) -> Solution:
         """Return the kernel's own answer (mm) for one finger at one pulled length [m]."""
-        return self._kernel((slot,)).solve([1e3 * pulled_length], march=False, threads=1)
+        return self._kernel((slot,)).solve([1e3 * pulled_length_m], march=False, threads=1)
 
     def _kernel(self, slots: tuple[str, ...]) -> Kernel:
         if slots not in self._kernels:
@@ -257,7 +259,7 @@ class Configuration:
         return Prediction(
             finger=reading.finger,
             profile=self.mounted[reading.finger],
-            pulled_length=reading.pulled_length,
+            pulled_length_m=reading.pulled_length_m,
             joint_angles=solution.angle_rad[i, k, :n],
             joint_angles_stddev=None if stddev is None else stddev[:n],
             tip_mm=(x_mm, y_mm),
@@ -286,7 +288,7 @@ def _as_known(prediction: Prediction, known: Knowledge | None) -> Prediction:
     """
     if known is None or prediction.validity is Validity.FAILED:
         return prediction
-    found = known.predict(np.array([1e3 * prediction.pulled_length]))
+    found = known.predict(np.array([1e3 * prediction.pulled_length_m]))
     if found is None:
         why = "; ".join(filter(None, (prediction.reason, "no equilibrium of the finger as it is known")))
         return dataclasses.replace(prediction, validity=Validity.EXTRAPOLATED, reason=why)

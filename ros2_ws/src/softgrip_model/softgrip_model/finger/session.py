@@ -50,7 +50,7 @@ class Residual:
     stamp: int
     """[ns] of the measurement"""
     finger: str
-    pulled_length: float
+    pulled_length_m: float
     tip_error: float
     tip_error_percent: float
     joint_angle_errors: tuple[float, ...]
@@ -139,12 +139,12 @@ class Session:
         for sample in tendons[:1]:
             self._timeline.note(sample.stamp, self.in_use)
         for name, sample in zip(names, tendons, strict=True):
-            if name in self._learners and sample.pulled_length < OPEN_M:
+            if name in self._learners and sample.pulled_length_m < OPEN_M:
                 self._learners[name].note_open(sample.stamp)
         pairs = [
             pair
             for name, sample in zip(names, tendons, strict=True)
-            if name in self.configuration.fingers and math.isfinite(sample.pulled_length)
+            if name in self.configuration.fingers and math.isfinite(sample.pulled_length_m)
             for pair in self._matcher(name).add_tendon(sample)
         ]
         return self._residuals(pairs)
@@ -152,7 +152,7 @@ class Session:
     def predict(self, tendons: Sequence[TendonInput], names: Sequence[str]) -> list[Prediction]:
         """Predict the mounted fingers among these tendons."""
         readings = [
-            TendonReading(name, sample.pulled_length, sample.velocity)
+            TendonReading(name, sample.pulled_length_m, sample.velocity)
             for name, sample in zip(names, tendons, strict=True)
         ]
         return self.configuration.predict(readings, self.in_use.known(tendons[0].stamp) if tendons else {})
@@ -241,7 +241,7 @@ class Session:
     def _residual(self, in_use: ActiveConfiguration, tendon: TendonInput, measured: MeasuredFinger) -> Residual:
         slot = measured.finger
         known = in_use.known(tendon.stamp)
-        reading = TendonReading(slot, tendon.pulled_length, tendon.velocity)
+        reading = TendonReading(slot, tendon.pulled_length_m, tendon.velocity)
         (predicted,) = in_use.configuration.predict([reading], known)
         finger, monitor = in_use.configuration.fingers[slot], in_use.monitors[slot]
         if predicted.validity is not Validity.FAILED and predicted.tension > 0.0:
@@ -252,7 +252,7 @@ class Session:
         return Residual(
             stamp=tendon.stamp,
             finger=slot,
-            pulled_length=tendon.pulled_length,
+            pulled_length_m=tendon.pulled_length_m,
             tip_error=1e-3 * error_mm,
             tip_error_percent=100.0 * error_mm / finger.length_from_joint_mm,
             joint_angle_errors=tuple(float(a - p) for a, p in zip(angles, predicted.joint_angles, strict=True)),
@@ -269,7 +269,7 @@ class Session:
         """Have a finger's monitor and learner take one instant."""
         slot, pulling = measured.finger, tendon.velocity > PAYING_OUT
         sample = ClosingInstant(
-            tendon.stamp, 1e3 * tendon.pulled_length, 1e3 * np.array(measured.tip), tendon.tension, predicted_n
+            tendon.stamp, 1e3 * tendon.pulled_length_m, 1e3 * np.array(measured.tip), tendon.tension, predicted_n
         )
         in_use.monitors[slot].add(sample, pulling=pulling, free=in_use.free)
         if slot in in_use.learners:

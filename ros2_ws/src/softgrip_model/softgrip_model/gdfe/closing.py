@@ -78,7 +78,7 @@ class ClosingShape:
     """One shape of one finger; lengths in m.
 
     Attributes:
-        pulled_length: [m] that was asked for.
+        pulled_length_m: [m] that was asked for.
         vertices: (n, 3) [m] in the finger's base frame.
         strain: (m,) equivalent strain of each hexahedron.
         tension: [N] from the actuator to the anchor.
@@ -90,7 +90,7 @@ class ClosingShape:
         reason: why not converged, or what to know.
     """
 
-    pulled_length: float
+    pulled_length_m: float
     vertices: Array
     strain: Array
     tension: tuple[float, ...]
@@ -455,10 +455,10 @@ class ClosingPath:
         )
         self._last: tuple[float, Equilibrium] | None = None
 
-    def shape(self, pulled_length: float) -> ClosingShape:
+    def shape(self, pulled_length_m: float) -> ClosingShape:
         """Return the shape at a pulled length [m]."""
         started = time.perf_counter()
-        pulled_mm = 1e3 * pulled_length
+        pulled_mm = 1e3 * pulled_length_m
         reason = ""
         if not pulled_mm > 0.0:
             pulled_mm, reason = 0.0, "cable slack: shown at rest"
@@ -466,13 +466,13 @@ class ClosingPath:
         known.cover(pulled_mm)
         if not known.within_reach(pulled_mm):
             reason = f"pulled {pulled_mm:.2f} mm; the last shape that converged is at {known.reach_mm:.2f} mm"
-            return self._shape(pulled_length, known.last, started, reason, converged=False)
+            return self._shape(pulled_length_m, known.last, started, reason, converged=False)
         found = self._found(pulled_mm)
         if not found.converged:
             nearest = known.nearest(pulled_mm)
             reason = f"residual {found.residual:.1e} after {found.iterations} iterations; shown: nearest keyframe"
-            return self._shape(pulled_length, nearest, started, reason, converged=False)
-        return self._shape(pulled_length, found, started, reason, converged=True)
+            return self._shape(pulled_length_m, nearest, started, reason, converged=False)
+        return self._shape(pulled_length_m, found, started, reason, converged=True)
 
     def state(self, pulled_mm: float) -> State:
         """Return a state near the shape at a pulled length [mm]: where a solve of the mesh without cables may start."""
@@ -491,14 +491,14 @@ class ClosingPath:
         return self._last[1]
 
     def _shape(
-        self, pulled_length: float, found: Equilibrium, started: float, reason: str, *, converged: bool
+        self, pulled_length_m: float, found: Equilibrium, started: float, reason: str, *, converged: bool
     ) -> ClosingShape:
         if converged:
             reason = "; ".join(filter(None, (reason, *self._out_of_range(found))))
         vertices = self.finger_mesh.mesh.nodes + found.displacement
         tip = self.finger_mesh.tip
         return ClosingShape(
-            pulled_length=pulled_length,
+            pulled_length_m=pulled_length_m,
             vertices=1e-3 * vertices,
             strain=found.strain,
             tension=found.tension[0],

@@ -300,8 +300,8 @@ class ShapeSession:
                 continue
             closing = finger.fine
             if self._settings.resolution != _COARSE:
-                closing = finger.choose_closing(1e3 * sample.pulled_length, stamp, self._pace)
-            shape = closing.shape(sample.pulled_length)
+                closing = finger.choose_closing(1e3 * sample.pulled_length_m, stamp, self._pace)
+            shape = closing.shape(sample.pulled_length_m)
             reason = "; ".join(filter(None, (shape.reason, self._pace.why_fewer(), self._coarser(finger))))
             yield Shown(
                 finger=name,

@@ -120,7 +120,7 @@ def finger_state(prediction: Prediction) -> FingerState:
     return FingerState(
         finger=prediction.finger,
         profile=prediction.profile,
-        pulled_length=float(prediction.pulled_length),
+        pulled_length=float(prediction.pulled_length_m),
         tension=prediction.tension,
         joint_angles=prediction.joint_angles.tolist(),
         joint_angles_stddev=[] if stddev is None else stddev.tolist(),
@@ -142,7 +142,7 @@ def residual_message(residual: Residual, frame_prefix: str) -> PredictionResidua
     return PredictionResidual(
         header=_finger_frame(to_time_message(residual.stamp), residual.finger, frame_prefix),
         finger=residual.finger,
-        pulled_length=residual.pulled_length,
+        pulled_length=residual.pulled_length_m,
         tip_error=residual.tip_error,
         tip_error_percent=residual.tip_error_percent,
         joint_angle_errors=list(residual.joint_angle_errors),
@@ -170,7 +170,7 @@ def shape_message(stamp: Time, shown: Shown, frame_prefix: str) -> PredictedShap
         header=_finger_frame(stamp, shown.finger, frame_prefix),
         finger=shown.finger,
         mesh=shown.mesh,
-        pulled_length=float(shape.pulled_length),
+        pulled_length=float(shape.pulled_length_m),
         vertices=_floats(shape.vertices),
         faces=faces,
         strain=_floats(shape.strain),

@@ -274,7 +274,7 @@ PYBIND11_MODULE(_core, module) {
            py::arg("limit_rad"), py::arg("x_mm"), py::arg("y_mm"), py::arg("size_mm"));
   py::class_<sf::PathSettings>(module, "PathSettings")
       .def(py::init<double, double, double>(), py::arg("largest_pull_step_mm"), py::arg("largest_tension_step_n"),
-           py::arg("least_compliance_per_n"));
+           py::arg("min_compliance_per_n"));
   module.def("follow", &follow);
   module.def("replicate", &replicate);
   module.def("groove", &groove);

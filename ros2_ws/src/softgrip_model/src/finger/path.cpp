@@ -20,7 +20,7 @@ Path::Path(const Finger& finger, const std::vector<Contact>& contacts, const Pat
       contacts_(contacts),
       settings_(settings),
       layout_(finger, contacts.size()),
-      compliance_(std::max(finger.design.cable.compliance_per_N, settings.least_compliance_per_N)),
+      compliance_(std::max(finger.design.cable.compliance_per_N, settings.min_compliance_per_N)),
       now_(slack_step()) {}
 
 PathStep Path::slack_step() const {
@@ -130,10 +130,10 @@ bool Path::relax(Control control, double target, PathStep& step) const {
 // Newton for the states assumed; once it stands, the states that it contradicts are changed and it is solved again.
 // Late rounds change one state at a time (the one nearest the actuator), which cannot go round in circles as easily.
 bool Path::increment(Control control, double target, PathStep& step) const {
-  constexpr int kMostRounds = 60, kRoundsAllAtOnce = 12;
+  constexpr int kMaxRounds = 60, kRoundsAllAtOnce = 12;
   const PathStep before = step;
   int iterations = 0;
-  for (int round = 0; round < kMostRounds; ++round) {
+  for (int round = 0; round < kMaxRounds; ++round) {
     if (!settle(control, target, before, step)) return false;
     iterations += step.iterations;
     const PathSystem at = system_at(before, step, control, target);
@@ -166,11 +166,11 @@ PathSystem Path::system_at(const PathStep& before, PathStep& step, Control contr
 
 // Newton with every bend's and contact's state given.
 bool Path::settle(Control control, double target, const PathStep& before, PathStep& step) const {
-  constexpr int kMostIterations = 40;
+  constexpr int kMaxIterations = 40;
   constexpr double kLargestAngleStep = 0.1, kLargestLogStep = 0.7, kSmallest = 1e-9;
   const Design& d = finger_.design;
   step.status = kNotConverged;
-  for (step.iterations = 1; step.iterations <= kMostIterations; ++step.iterations) {
+  for (step.iterations = 1; step.iterations <= kMaxIterations; ++step.iterations) {
     const PathSystem at = system_at(before, step, control, target);
     if ((at.friction_status & friction::kBlowUp) != 0) return step.status = kFrictionBlowUp, false;
     const PathSystem::Vector move = at.jacobian.partialPivLu().solve(-at.residual);

@@ -15,7 +15,7 @@ struct PathSettings {
   double largest_pull_step_mm = 0.25;
   double largest_tension_step_N = 0.5;
   // A stuck, inextensible cable leaves the tension between two bends on one link undetermined; this much give decides.
-  double least_compliance_per_N = 1e-6;
+  double min_compliance_per_N = 1e-6;
 };
 
 class Path {

@@ -5,7 +5,7 @@ namespace softgrip::finger {
 namespace {
 
 // The lead when none is given, so that its tension is known even where the first bend sticks.
-constexpr double kLeastLead_mm = 10.0;
+constexpr double kMinLead_mm = 10.0;
 // Below these the state of a bend or a contact does not change: rounding.
 constexpr double kSmallestSlip_mm = 1e-12, kSmallestRatio = 1e-9, kSmallestGap = 1e-12;
 
@@ -187,7 +187,7 @@ class PathAssembly {
     const int j = span / 2;
     const Real stretch = compliance_ * tension_[span];
     if (span % 2 == 1) return taken_[j] + stretch * span_[j];
-    if (span == 0) return stretch * std::max(finger_.link_span_mm[0], kLeastLead_mm);
+    if (span == 0) return stretch * std::max(finger_.link_span_mm[0], kMinLead_mm);
     return shortening_[j - 1] + stretch * finger_.link_span_mm[j];
   }
 
@@ -198,7 +198,8 @@ class PathAssembly {
     const PointFriction<friction::Slopes::State> back(finger_, phi.value, {finger_.friction, at_.log_tension[i]});
     at_.phi_rad[i] = phi.value;
     system_.friction_status |= pulled.law.status | back.law.status;
-    system_.wanted[i] = next_slide(at_.slide[i], slipped.value, ratio.value, pulled.law.log_ratio, back.law.log_ratio);
+    system_.required_slide[i] =
+        next_slide(at_.slide[i], slipped.value, ratio.value, pulled.law.log_ratio, back.law.log_ratio);
     auto held = [&](const auto& point, const Real& log_low) {
       return phi.through(point.law.log_ratio, point.d_phi) + log_low.through(0.0, point.law.d_log_tension);
     };
@@ -231,8 +232,8 @@ class PathAssembly {
 int PathSystem::revise(PathStep& at, const PathLayout& layout, bool all) const {
   int changed = 0;
   for (int i = 0; i < layout.points() && (all || changed == 0); ++i) {
-    changed += wanted[i] != at.slide[i] ? 1 : 0;
-    at.slide[i] = wanted[i];
+    changed += required_slide[i] != at.slide[i] ? 1 : 0;
+    at.slide[i] = required_slide[i];
   }
   for (int c = 0; c < layout.contacts && (all || changed == 0); ++c) {
     changed += touches[c] != at.touches[c] ? 1 : 0;
@@ -244,8 +245,8 @@ int PathSystem::revise(PathStep& at, const PathLayout& layout, bool all) const {
 int PathSystem::give_way(PathStep& at, const PathLayout& layout) const {
   int changed = 0;
   for (int i = 0; i < layout.points(); ++i) {
-    if (at.slide[i] != Slide::Stuck || wanted[i] == Slide::Stuck) continue;
-    at.slide[i] = wanted[i];
+    if (at.slide[i] != Slide::Stuck || required_slide[i] == Slide::Stuck) continue;
+    at.slide[i] = required_slide[i];
     ++changed;
   }
   return changed;

@@ -51,15 +51,15 @@ struct PathLayout {
 };
 
 struct PathSystem {
-  static constexpr int kMost = 3 * kMaxJoints + kMaxSpans + kMaxContacts;
-  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMost, kMost>;
-  using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMost, 1>;
+  static constexpr int kMaxUnknowns = 3 * kMaxJoints + kMaxSpans + kMaxContacts;
+  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxUnknowns, kMaxUnknowns>;
+  using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxUnknowns, 1>;
 
   Matrix jacobian;
   Vector residual;
   std::uint8_t friction_status = 0;
   // The states that the iterate asks for, whatever was assumed.
-  PerPoint<Slide> wanted{};
+  PerPoint<Slide> required_slide{};
   std::array<bool, kMaxContacts> touches{};
 
   // Changes the states that the iterate contradicts, all or only the first; returns how many.

@@ -19,7 +19,7 @@ constexpr double kNoKinkAbove = 0.05;
 // Offset of epsilon to either side of a kink.
 constexpr double kBesideKink = 0.005;
 // More loads than any rig has: continuous data have no kinks worth searching one by one.
-constexpr std::size_t kMostKinks = 16;
+constexpr std::size_t kMaxKinks = 16;
 
 using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxCoefficients, kMaxCoefficients>;
 using Vector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxCoefficients, 1>;
@@ -151,7 +151,7 @@ std::vector<double> distinct_log_tensions(const Data& data) {
 void search_kinks(const Model& model, const Data& data, Loss loss, const Bounds& bounds, Fit& best) {
   const std::vector<double> logs = distinct_log_tensions(data);
   const auto& found = best.coefficients;
-  if (found[2] - found[3] * logs.back() > kNoKinkAbove || logs.size() > kMostKinks) return;
+  if (found[2] - found[3] * logs.back() > kNoKinkAbove || logs.size() > kMaxKinks) return;
   for (const double log_tension : logs) {
     const Eigen::Vector2d along = Eigen::Vector2d(log_tension, 1.0).normalized();
     Matrix basis = Matrix::Zero(4, 3);

@@ -69,10 +69,10 @@ std::vector<int> aggregates(const Graph& graph, const Eigen::MatrixX3d& places, 
   const std::vector<int> roots = of;
   for (int i = 0; i < n; ++i) {
     if (roots[i] >= 0) continue;
-    double least = std::numeric_limits<double>::infinity();
+    double nearest = std::numeric_limits<double>::infinity();
     each(i, [&](int j) {
       const double distance = (places.row(i) - places.row(j)).squaredNorm();
-      if (roots[j] >= 0 && distance < least) least = distance, of[i] = roots[j];
+      if (roots[j] >= 0 && distance < nearest) nearest = distance, of[i] = roots[j];
     });
   }
   for (int i = 0; i < n; ++i) {

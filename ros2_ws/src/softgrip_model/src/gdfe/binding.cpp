@@ -83,11 +83,11 @@ PYBIND11_MODULE(_core, module) {
   module.def(
       "min_jacobians",
       [](const gdfe::Nodes& rest, const gdfe::Hexes& hexes) {
-        Eigen::VectorXd least(hexes.rows());
+        Eigen::VectorXd lowest(hexes.rows());
         for (Eigen::Index e = 0; e < hexes.rows(); ++e) {
-          least(e) = gdfe::min_jacobian(gdfe::corners_of(rest, hexes, e));
+          lowest(e) = gdfe::min_jacobian(gdfe::corners_of(rest, hexes, e));
         }
-        return least;
+        return lowest;
       },
       py::arg("rest"), py::arg("hexes"));
 

@@ -15,8 +15,8 @@ CableSystem::CableSystem(std::vector<Cable> cables, const Nodes& rest, Precondit
 
 void CableSystem::solve_point_columns(Preconditioner& preconditioner) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    if (preconditioner.first_alike(axis) != axis) {
-      point_columns_[axis] = point_columns_[preconditioner.first_alike(axis)];
+    if (preconditioner.shared_dof_map(axis) != axis) {
+      point_columns_[axis] = point_columns_[preconditioner.shared_dof_map(axis)];
       continue;
     }
     const AxisUnknowns& a = unknowns_.axes[axis];
@@ -121,9 +121,9 @@ double CableSystem::length_error(const Task& task, const std::vector<double>& x)
   double largest = 0.0;
   for (std::size_t c = 0; c < cables_.size(); ++c) {
     if (!task.drives[c].by_length) continue;
-    const double excess = -missing_length(task, c);
-    const bool is_slack = x[unknowns_.count + c] <= 0.0 && excess < 0.0;
-    if (!is_slack) largest = std::max(largest, std::abs(excess));
+    const double overlength = -missing_length(task, c);
+    const bool is_slack = x[unknowns_.count + c] <= 0.0 && overlength < 0.0;
+    if (!is_slack) largest = std::max(largest, std::abs(overlength));
   }
   return largest;
 }

@@ -78,7 +78,7 @@ void Contact::add_last_forces(std::vector<double>& residual) const {
 }
 
 double Contact::compliance(std::size_t axis, std::int32_t pushed, std::int32_t moved) {
-  const std::size_t first = preconditioner_.first_alike(axis);
+  const std::size_t first = preconditioner_.shared_dof_map(axis);
   const auto& dof = unknowns_.axes[axis].dof;
   const std::int32_t at = dof[static_cast<std::size_t>(pushed)];
   if (at < 0) return 0.0;
@@ -116,8 +116,8 @@ void Contact::find_pairs(const double* position, const std::vector<double>& step
           here - before_.row(node).transpose() - (motions_[o] - motions_before_[o]) + free_step;
       const double normal_force = std::max(0.0, gap.normal.dot(last));
       Eigen::Vector3d friction = tangential(last, gap.normal);
-      const double most = obstacle.friction * normal_force, size = friction.norm();
-      if (size > most) friction *= size > 0.0 ? most / size : 0.0;
+      const double limit = obstacle.friction * normal_force, size = friction.norm();
+      if (size > limit) friction *= size > 0.0 ? limit / size : 0.0;
       pairs_.push_back({static_cast<std::int32_t>(o), node, gap, last, normal_force * gap.normal + friction, free_step,
                         tangential(moved, gap.normal), false});
     }
@@ -148,7 +148,7 @@ void Contact::solve_forces() {
     if (pairs_[j].force != pairs_[j].last) push(j, pairs_[j].force - pairs_[j].last);
   }
   for (int round = 0; round < kSweeps; ++round) {
-    double largest = 0.0, change_most = 0.0;
+    double largest = 0.0, max_change = 0.0;
     for (std::size_t j = 0; j < count; ++j) {
       Pair& pair = pairs_[j];
       const Eigen::Vector3d own = answer[j].col(static_cast<Eigen::Index>(j));
@@ -157,22 +157,22 @@ void Contact::solve_forces() {
       const Eigen::Vector3d& n = pair.gap.normal;
       const double gap = pair.gap.distance + n.dot(pair.free_step + moved[j]);
       const double normal_force = std::max(0.0, n.dot(pair.force) - gap / along);
-      const double most = obstacles_[static_cast<std::size_t>(pair.obstacle)].friction * normal_force;
+      const double limit = obstacles_[static_cast<std::size_t>(pair.obstacle)].friction * normal_force;
       Eigen::Vector3d friction = Eigen::Vector3d::Zero();
       pair.sliding = true;
-      if (most > 0.0) {
+      if (limit > 0.0) {
         friction = tangential(pair.force - (pair.slip + tangential(moved[j], n)) / own.maxCoeff(), n);
         const double size = friction.norm();
-        pair.sliding = size > most;
-        if (pair.sliding) friction *= most / size;
+        pair.sliding = size > limit;
+        if (pair.sliding) friction *= limit / size;
       }
       const Eigen::Vector3d now = normal_force * n + friction, change = now - pair.force;
       if (change.squaredNorm() > 0.0) push(j, change);
       pair.force = now;
       largest = std::max(largest, now.squaredNorm());
-      change_most = std::max(change_most, change.squaredNorm());
+      max_change = std::max(max_change, change.squaredNorm());
     }
-    if (change_most <= kSweepTolerance * kSweepTolerance * largest) break;
+    if (max_change <= kSweepTolerance * kSweepTolerance * largest) break;
   }
 }
 

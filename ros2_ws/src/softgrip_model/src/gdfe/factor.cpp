@@ -25,9 +25,9 @@ std::vector<int> dealt(const std::vector<int>& subtrees, const std::vector<doubl
   load.assign(static_cast<std::size_t>(threads), 0.0);
   std::vector<int> owner;
   for (const int p : subtrees) {
-    const auto least = std::min_element(load.begin(), load.end());
-    owner.push_back(static_cast<int>(least - load.begin()));
-    *least += work[p];
+    const auto lightest = std::min_element(load.begin(), load.end());
+    owner.push_back(static_cast<int>(lightest - load.begin()));
+    *lightest += work[p];
   }
   return owner;
 }
@@ -74,12 +74,12 @@ Schedule make_schedule(const PanelStore<T>& store, int size, int threads) {
   const auto heavier = [&](int a, int b) { return work[a] != work[b] ? work[a] < work[b] : a < b; };
   std::vector<int> best;
   std::vector<double> load;
-  double above = 0.0, least = std::numeric_limits<double>::infinity();
-  while (above < least) {
+  double above = 0.0, shortest = std::numeric_limits<double>::infinity();
+  while (above < shortest) {
     std::sort(candidates.begin(), candidates.end(), [&](int a, int b) { return heavier(b, a); });
     dealt(candidates, work, threads, load);
     const double longest = above + *std::max_element(load.begin(), load.end());
-    if (longest < least) least = longest, best = candidates;
+    if (longest < shortest) shortest = longest, best = candidates;
     const auto parent_at =
         std::find_if(candidates.begin(), candidates.end(), [&](int p) { return !children[p].empty(); });
     if (threads == 1 || parent_at == candidates.end()) break;
@@ -118,7 +118,7 @@ std::size_t line_begin(std::size_t at) {
 // Where the passes find the panels' values: memory is read ahead where they follow one another in the order of the
 // pass.
 template <class T>
-void lay_out(PanelStore<T>& store) {
+void initialise_offsets(PanelStore<T>& store) {
   std::size_t up = 0, down = 0;
   for (Panel& panel : store.panels) {
     panel.up = line_begin<T>(up);
@@ -190,7 +190,7 @@ void Factor::pack(const std::vector<DensePanel>& panels, PanelStore<T>& store) {
     store.rows.insert(store.rows.end(), from.rows.begin(), from.rows.end());
     max_rows_ = std::max(max_rows_, padded(width) + padded(below));
   }
-  lay_out(store);
+  initialise_offsets(store);
 #pragma omp parallel for schedule(dynamic) num_threads(threads_) if (threads_ > 1)
   for (std::size_t p = 0; p < panels.size(); ++p) fill(panels[p], store.panels[p], store);
   store.schedule = make_schedule(store, size_, threads_);

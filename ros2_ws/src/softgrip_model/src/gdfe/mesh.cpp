@@ -52,12 +52,12 @@ const std::array<Corners, 8>& corner_slopes() {
 }  // namespace
 
 double min_jacobian(const Corners& rest) {
-  double least = std::numeric_limits<double>::infinity();
+  double lowest = std::numeric_limits<double>::infinity();
   for (const auto* points : {&gauss_slopes(), &corner_slopes()}) {
     for (const Corners& slopes : *points)
-      least = std::min(least, Eigen::Matrix3d(rest.transpose() * slopes).determinant());
+      lowest = std::min(lowest, Eigen::Matrix3d(rest.transpose() * slopes).determinant());
   }
-  return least;
+  return lowest;
 }
 
 Element make_element(const Corners& rest, Metric metric) {

@@ -138,7 +138,7 @@ Indices postorder(const Tree& tree) {
   return reversed;
 }
 
-Indices least_fill(const SparseMatrix& matrix, bool metis) {
+Indices min_fill_ordering(const SparseMatrix& matrix, bool metis) {
 #ifdef SOFTGRIP_HAVE_METIS
   if (metis) {
     Indices order;
@@ -165,7 +165,7 @@ Elimination eliminate(const SparseMatrix& matrix, bool metis) {
   // factor
   bool slender = levels.size() * levels.size() >= size;
   if (!slender) {
-    order = least_fill(matrix, metis);
+    order = min_fill_ordering(matrix, metis);
     tree = elimination_tree(matrix, order);
     const double entries = std::accumulate(tree.count.begin(), tree.count.end(), static_cast<double>(size));
     slender = entries_by_levels(levels) <= kLevelsWorth * entries;

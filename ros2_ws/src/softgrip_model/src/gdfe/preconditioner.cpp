@@ -39,13 +39,13 @@ std::shared_ptr<const ConstantInverse> make_inverse(const Problem& problem, cons
 Preconditioner::Preconditioner(const Problem& problem, const std::vector<Element>& elements, const Settings& settings) {
   const std::array<DofMap, 3>& maps = problem.maps;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    first_alike_[axis] = static_cast<std::size_t>(std::find(maps.begin(), maps.end(), maps[axis]) - maps.begin());
+    shared_dof_map_[axis] = static_cast<std::size_t>(std::find(maps.begin(), maps.end(), maps[axis]) - maps.begin());
   }
-  const bool differ = first_alike_ != decltype(first_alike_){};
+  const bool differ = shared_dof_map_ != decltype(shared_dof_map_){};
   std::exception_ptr failure;  // must not leave the threads' region
 #pragma omp parallel for schedule(dynamic) num_threads(settings.threads) if (settings.threads > 1 && differ)
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    if (first_alike_[axis] != axis) continue;
+    if (shared_dof_map_[axis] != axis) continue;
     try {
       inverse_[axis] = make_inverse(problem, elements, maps[axis], settings);
     } catch (...) {
@@ -56,7 +56,7 @@ Preconditioner::Preconditioner(const Problem& problem, const std::vector<Element
   if (failure) std::rethrow_exception(failure);
   std::array<const std::vector<int>*, 3> position{};
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    inverse_[axis] = inverse_[first_alike_[axis]];
+    inverse_[axis] = inverse_[shared_dof_map_[axis]];
     position[axis] = &inverse_[axis]->position();
   }
   unknowns_ = Unknowns(maps, position);
@@ -65,11 +65,11 @@ Preconditioner::Preconditioner(const Problem& problem, const std::vector<Element
 // Axes with the same matrix go through its inverse together.
 void Preconditioner::apply(std::vector<double>& residual) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    if (first_alike_[axis] != axis) continue;
+    if (shared_dof_map_[axis] != axis) continue;
     std::array<double*, 3> columns{};
     int count = 0;
     for (std::size_t other = axis; other < 3; ++other) {
-      if (first_alike_[other] != axis) continue;
+      if (shared_dof_map_[other] != axis) continue;
       columns[static_cast<std::size_t>(count++)] = residual.data() + unknowns_.axes[other].offset;
     }
     inverse_[axis]->apply(columns.data(), count, scratch_);

@@ -10,7 +10,7 @@ namespace softgrip::gdfe {
 namespace {
 
 // A section of two nodes is no rigid body: one of its motions has no stiffness.
-constexpr double kLeastCondition = 1e-14;
+constexpr double kMinCondition = 1e-14;
 
 // level: 0 on the support, elsewhere -1 -> distance from it in elements.
 void spread(const Hexes& hexes, std::vector<std::int32_t>& level) {
@@ -54,14 +54,14 @@ void take(const Hexes& hexes, const std::vector<std::int32_t>& given, std::vecto
     throw std::invalid_argument("sections: expected nodes in each, found an empty one");
   }
   for (Eigen::Index e = 0; e < hexes.rows(); ++e) {
-    std::int32_t least = last, most = 0;
+    std::int32_t lowest = last, highest = 0;
     for (int c = 0; c < 8; ++c) {
       const std::int32_t own = level[static_cast<std::size_t>(hexes(e, c))];
-      if (own > 0) least = std::min(least, own), most = std::max(most, own);
+      if (own > 0) lowest = std::min(lowest, own), highest = std::max(highest, own);
     }
-    if (most > least + 1) {
+    if (highest > lowest + 1) {
       throw std::invalid_argument("sections: expected that only neighbours meet in an element, found " +
-                                  std::to_string(least - 1) + " and " + std::to_string(most - 1) + " in element " +
+                                  std::to_string(lowest - 1) + " and " + std::to_string(highest - 1) + " in element " +
                                   std::to_string(e));
     }
   }
@@ -161,7 +161,7 @@ bool Sections::factor(std::vector<std::array<Matrix6, 3>> blocks) {
     diagonal_.emplace_back(diagonal);
     lower_.push_back(blocks[s][0]);
     upper_.push_back(diagonal_.back().solve(blocks[s][2]));
-    if (!upper_.back().allFinite() || !(diagonal_.back().rcond() > kLeastCondition)) return false;
+    if (!upper_.back().allFinite() || !(diagonal_.back().rcond() > kMinCondition)) return false;
   }
   return true;
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 #: So many points are kept; a full plan has 45.
@@ -51,35 +51,22 @@ class FrictionModelView:
 
 @dataclass(frozen=True)
 class RigProgress:
-    """Where a measurement is; `phase` as CalibrateFriction's feedback names it, "" = none goes on."""
+    """Where a measurement is (rig/progress), or how the last one ended; `fitted` is the id of its model, "" = none.
 
-    phase: str = ""
+    Attributes:
+        needs_confirmation: a person has to set angle and weight, and say so.
+    """
+
+    is_running: bool = False
+    needs_confirmation: bool = False
     index: int = 0
     total: int = 0
     angle_rad: float = 0.0
     load_kg: float = 0.0
     instruction: str = ""
     points: tuple[RigPoint, ...] = ()
-    is_running: bool = False
     message: str = ""
     fitted: str = ""
-
-    @property
-    def needs_confirmation(self) -> bool:
-        """Whether a person has to set angle and weight, and say so."""
-        return self.is_running and self.phase == "SET_UP"
-
-    def begun(self) -> RigProgress:
-        """Return a new measurement."""
-        return RigProgress(is_running=True)
-
-    def with_point(self, point: RigPoint) -> RigProgress:
-        """Return it with one more point."""
-        return replace(self, points=(*self.points, point)[-MAX_POINTS:])
-
-    def ended(self, message: str, fitted: str) -> RigProgress:
-        """Return it with its end; `fitted` is the id of the model, "" = none."""
-        return replace(self, is_running=False, phase="", message=message, fitted=fitted)
 
 
 def intervals(

@@ -9,8 +9,8 @@ from typing import Final
 
 from softgrip_panel.errors import PanelError
 from softgrip_vision.calibrating import MAX_VIEWS, Board, BoardView, LensFit, calibrate_lens, covered_cells, is_new_view
+from softgrip_vision.encoded_image import decode
 from softgrip_vision.errors import FrameError, VisionError
-from softgrip_vision.frame import decode
 
 #: The board that `calibrate_camera target` draws: squares across and down, side [mm].
 COLUMNS, ROWS, SQUARE_MM = 11, 7, 24.0

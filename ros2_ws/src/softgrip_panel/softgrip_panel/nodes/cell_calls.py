@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
+from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
 from rclpy.node import Node
 
@@ -18,6 +19,8 @@ from softgrip_panel.nodes.convert import answer_of, request_message, ros_type
 Hook = Callable[[str, Any, str], Any]
 #: [s] A server that is not there after so long is named as missing.
 SERVER_WAIT_S: Final = 2.0
+#: Actions that run one goal at a time, whoever asked for it; tendon/move is also others'.
+SOLE_ACTIONS: Final = frozenset({"cell/grasp", "cell/swap", "rig/calibrate"})
 #: [s] after which a stop without an answer is asked for again
 REPEAT_S: Final = 0.5
 _POLL_S: Final = 0.02
@@ -47,6 +50,7 @@ class RosCalls:
         self._service_clients: dict[str, Any] = {}
         self._action_clients: dict[str, Any] = {}
         self._goals: dict[str, Any] = {}
+        self._cancel_clients: dict[str, Any] = {}
 
     def prepare(self, act: Act) -> None:
         """Make the client of an act now, so that its first call need not."""
@@ -61,10 +65,18 @@ class RosCalls:
             success, message, answer = False, f"{type(error).__name__}: {error}", None
         return ActResult(success, message, time.monotonic() - started_s, answer)
 
+    def prepare_cancel(self, act: Act) -> None:
+        """Make it possible to end a goal that another process sent, or this one's predecessor."""
+        if act.call.name in SOLE_ACTIONS:
+            service = f"{act.call.name}/_action/cancel_goal"
+            self._cancel_clients[act.name] = self._node.create_client(CancelGoal, service)
+
     def cancel(self, act_name: str) -> None:
         """Ask for the end of a running action."""
-        goal = self._goals.get(act_name)
-        if goal is not None:
+        client, goal = self._cancel_clients.get(act_name), self._goals.get(act_name)
+        if client is not None and client.service_is_ready():
+            client.call_async(CancelGoal.Request())  # without an identity and a time: every goal (action_msgs)
+        elif goal is not None:
             goal.cancel_goal_async()
 
     async def _called(self, act: Act, who: str) -> tuple[bool, str, Any]:

@@ -6,13 +6,13 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from sensor_msgs.msg import JointState
 
+from softgrip_interfaces import msg as messages
 from softgrip_interfaces.action import CalibrateFriction, Grasp, MoveTendon, SwapFingers
 from softgrip_interfaces.msg import (
     CellState,
@@ -44,7 +44,7 @@ from softgrip_panel.model.facts import (
     TendonView,
     TensionView,
 )
-from softgrip_panel.model.friction import FrictionModelView, RigPoint, RigProgress, intervals
+from softgrip_panel.model.friction import MAX_POINTS, FrictionModelView, RigPoint, RigProgress, intervals
 from softgrip_panel.model.grasps import FingerDecision
 from softgrip_panel.model.parameters import ParameterKind, ParameterView
 from softgrip_panel.model.shapes import MAX_NODES, PanelShape
@@ -76,7 +76,6 @@ SWAP_OUTCOMES = _names(SwapFingers.Result, "SUCCEEDED", "CANCELLED", "REFUSED", 
 RESIDUAL_VERDICTS = _names(PredictionResidual, "UNSET", "OK", "WATCH", "RECALIBRATE", "WORN")
 SAMPLE_VERDICTS = _names(FrictionSample, "UNSET", "ACCEPTED", "REPEAT", "REJECTED")
 MODEL_VERDICTS = _names(FrictionModel, "UNSET", "USABLE", "REPEAT_POINTS", "DO_NOT_USE")
-RIG_PHASES = _names(CalibrateFriction.Feedback, "SET_UP", "CHECKING", "PULLING", "ACCEPTED", "REPEATING")
 RIG_OUTCOMES = _names(CalibrateFriction.Result, "SUCCEEDED", "CANCELLED", "FAILED")
 CONTACT_STATES = _names(FingerEvidence, "UNKNOWN", "FREE", "CONTACT", "BLOCKED", "END_STOP")
 
@@ -217,7 +216,7 @@ def shape_view(message: PredictedShape, number: int) -> PanelShape | None:
 
 
 def rig_point(message: FrictionSample) -> RigPoint:
-    """Return rig/sample."""
+    """Return one judged attempt."""
     return RigPoint(
         int(message.index),
         float(message.angle),
@@ -230,17 +229,20 @@ def rig_point(message: FrictionSample) -> RigPoint:
     )
 
 
-def rig_progress(before: RigProgress, feedback: CalibrateFriction.Feedback) -> RigProgress:
-    """Return a measurement with its newest feedback."""
-    return replace(
-        before,
-        phase=RIG_PHASES.get(feedback.phase, ""),
-        index=int(feedback.index),
-        total=int(feedback.total),
-        angle_rad=float(feedback.angle),
-        load_kg=float(feedback.load),
-        instruction=feedback.instruction,
-        is_running=True,
+def rig_progress(message: messages.RigProgress) -> RigProgress:
+    """Return rig/progress."""
+    outcome = RIG_OUTCOMES.get(message.outcome, "")
+    return RigProgress(
+        is_running=bool(message.running),
+        needs_confirmation=bool(message.confirmation),
+        index=int(message.index),
+        total=int(message.total),
+        angle_rad=float(message.angle),
+        load_kg=float(message.load),
+        instruction=message.instruction,
+        points=tuple(rig_point(one) for one in message.samples[-MAX_POINTS:]),
+        message=f"{outcome}: {message.reason}" if outcome else message.reason,
+        fitted=message.model,
     )
 
 

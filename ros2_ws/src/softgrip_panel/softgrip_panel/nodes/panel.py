@@ -20,9 +20,9 @@ from softgrip_interfaces.msg import (
     CellState,
     FingerMarkers,
     FingerStates,
-    FrictionSample,
     PredictedShape,
     PredictionResidual,
+    RigProgress,
     SafetyState,
     TendonOwners,
     TendonStatusArray,
@@ -48,6 +48,7 @@ from softgrip_panel.access.origin import OriginRule, is_loopback
 from softgrip_panel.access.record import ActRecord
 from softgrip_panel.access.sessions import LoginBrake, Sessions
 from softgrip_panel.errors import PanelError
+from softgrip_panel.model import acts
 from softgrip_panel.model.bags import BagFolder, BagJobs
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import StopPolicyView
@@ -102,6 +103,8 @@ class PanelNode(CellNode):
             self._state.swap.keep_in(folder / "swap.json")
         self._record = ActRecord(folder / "acts.jsonl" if folder else None, time.time)
         self._calls = RosCalls(self, self._on_accepted, self._on_feedback, self._read_result)
+        for act in acts.EXAMPLES:
+            self._calls.prepare_cancel(act)
         self._parameter_reader = RosParameters(self)
         self._newest: dict[str, tuple[Any, bytes]] = {}
         self._pictures = self._shapes = 0
@@ -173,7 +176,7 @@ class PanelNode(CellNode):
             SafetyState, "safety/state", lambda message: state.observe_safety(convert.safety_view(message)), LATCHED
         )
         self.create_subscription(TendonOwners, "tendon/owners", self._on_owners, LATCHED)
-        self.create_subscription(FrictionSample, "rig/sample", self._on_rig_sample, RELIABLE)
+        self.create_subscription(RigProgress, "rig/progress", self._on_rig_progress, LATCHED)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         for kind, topic in (
             (JointState, "tendon/state"),
@@ -324,9 +327,8 @@ class PanelNode(CellNode):
             self._state.friction_models = convert.friction_model_views(response)
             self._state.friction_active = response.active
 
-    def _on_rig_sample(self, message: FrictionSample) -> None:
-        with self._state.locked() as state:
-            state.rig = state.rig.with_point(convert.rig_point(message))
+    def _on_rig_progress(self, message: RigProgress) -> None:
+        self._state.rig = convert.rig_progress(message)
 
     @staticmethod
     def _ask(client: Any, request: Any, on_answer: Any) -> None:
@@ -343,14 +345,8 @@ class PanelNode(CellNode):
         if act == "swap":
             with self._state.locked() as state:
                 state.swap.begin(goal.finger_set, who, time.time())
-        elif act == "calibrate":
-            with self._state.locked() as state:
-                state.rig = state.rig.begun()
 
     def _on_feedback(self, act: str, feedback: Any, _who: str) -> None:
-        if act == "calibrate":
-            with self._state.locked() as state:
-                state.rig = convert.rig_progress(state.rig, feedback)
         if act == "swap":
             with self._state.locked() as state:
                 state.swap.observe(
@@ -376,7 +372,6 @@ class PanelNode(CellNode):
                 return outcome == "GRIPPED", f"{outcome}: {result.reason}"
             if act == "calibrate":
                 outcome = convert.RIG_OUTCOMES.get(result.outcome, "?")
-                state.rig = state.rig.ended(f"{outcome}: {result.reason}", result.model.id)
                 return outcome == "SUCCEEDED", f"{outcome}: {result.reason}"
             if act in {"pull", "slacken"}:
                 outcome = convert.MOVE_OUTCOMES.get(result.outcome, "?")

@@ -18,8 +18,9 @@ from email.message import Message
 from typing import Protocol
 
 from softgrip_time.units import NANOSECONDS
+from softgrip_vision.encoded_image import jpeg_size
 from softgrip_vision.errors import FrameError, SourceError
-from softgrip_vision.frame import CameraFrame, jpeg_size
+from softgrip_vision.frame import CameraFrame
 
 #: A part's header block and a part are refused beyond these sizes [bytes].
 LONGEST_HEADER = 16_384

@@ -87,8 +87,8 @@ class Grasp {
   double palm_push_n_ = 0.0, palm_stick_m_ = 0.0;           // force of the palm out of it; drag of the product along it
   JointLoad load_;
   bool lifted_ = false, slipped_ = false, crushed_ = false;
-  double settled_s_ = 0.0, push_before_n_ = 0.0, most_wound_m_ = 0.0;
-  int nap_ = 0;
+  double settled_s_ = 0.0, push_before_n_ = 0.0, max_wound_m_ = 0.0;
+  int sleep_steps_ = 0;
 };
 
 }  // namespace softgrip::plant

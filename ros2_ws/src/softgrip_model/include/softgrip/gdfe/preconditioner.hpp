@@ -21,7 +21,7 @@ class Preconditioner {
   const ConstantInverse& inverse(std::size_t axis) const { return *inverse_[axis]; }
 
   // The first axis with the same matrix.
-  std::size_t first_alike(std::size_t axis) const { return first_alike_[axis]; }
+  std::size_t shared_dof_map(std::size_t axis) const { return shared_dof_map_[axis]; }
 
   // In place, of all the mesh's unknowns: a fixed symmetric positive definite matrix close to L^-1.
   void apply(std::vector<double>& residual);
@@ -30,7 +30,7 @@ class Preconditioner {
   void solve(std::size_t axis, double* column) { inverse_[axis]->solve(&column, 1, scratch_); }
 
  private:
-  std::array<std::size_t, 3> first_alike_{};
+  std::array<std::size_t, 3> shared_dof_map_{};
   std::array<std::shared_ptr<const ConstantInverse>, 3> inverse_;
   Unknowns unknowns_;
   std::vector<double> scratch_;

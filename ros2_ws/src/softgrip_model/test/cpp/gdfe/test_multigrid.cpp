@@ -65,7 +65,7 @@ TEST_P(MultigridOnABlock, ACycleIsSymmetricAndPositive) {
   EXPECT_GT(a.dot(cycled_a), 0.0);
 }
 
-TEST_P(MultigridOnABlock, ACycleTakesMostOfAnyError) {
+TEST_P(MultigridOnABlock, ACycleRemovesNearlyAllOfAnyError) {
   Eigen::VectorXd error = Eigen::VectorXd::Random(matrix_.rows());
   double factor = 1.0;
   for (int k = 0; k < 12; ++k) {

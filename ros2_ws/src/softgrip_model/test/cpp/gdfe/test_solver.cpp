@@ -25,7 +25,7 @@ TEST(Preconditioner, AppliesTheInverseOfEveryAxisOwnMatrix) {
   Preconditioner preconditioner(problem, elements, settings);
   const Unknowns& unknowns = preconditioner.unknowns();
   EXPECT_FALSE(unknowns.has_shared_dof_map);
-  EXPECT_EQ(preconditioner.first_alike(2), 0U);
+  EXPECT_EQ(preconditioner.shared_dof_map(2), 0U);
   std::vector<double> values(unknowns.count);
   std::array<Eigen::VectorXd, 3> expected;
   for (std::size_t axis = 0; axis < 3; ++axis) {

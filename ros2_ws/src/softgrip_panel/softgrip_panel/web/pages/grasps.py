@@ -63,9 +63,11 @@ def _list(page: Page, show: object) -> None:
 
 def _row(page: Page, row: GraspRow, show: object) -> None:
     with element("tr"):
-        text_element("td", clock_text(row.at_s))
+        text_element("td", clock_text(row.at_s), "whole")
         text_element("td", row.product)
-        text_element("td", f"{row.finger_set} {' '.join(row.serials)}")
+        with element("td"):
+            for part in (row.finger_set, *row.serials):
+                text_element("span", part, "whole")
         text_element("td", row.outcome or "...", "verdict", data_state=row.outcome)
         text_element("td", row.reason, "why")
         with element("td"):

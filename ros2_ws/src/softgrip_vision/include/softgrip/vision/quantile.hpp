@@ -18,14 +18,14 @@ class Quantile {
     std::size_t rank = std::min(values.size() - 1, share_of);
     counts_.fill(0);
     for (const float value : values) ++counts_[bin(value)];
-    std::size_t wanted = 0;
-    while (rank >= counts_[wanted]) rank -= counts_[wanted++];
-    alike_.clear();
+    std::size_t level = 0;
+    while (rank >= counts_[level]) rank -= counts_[level++];
+    same_level_.clear();
     for (const float value : values) {
-      if (bin(value) == wanted) alike_.push_back(value);
+      if (bin(value) == level) same_level_.push_back(value);
     }
-    const auto at = alike_.begin() + static_cast<std::ptrdiff_t>(rank);
-    std::nth_element(alike_.begin(), at, alike_.end());
+    const auto at = same_level_.begin() + static_cast<std::ptrdiff_t>(rank);
+    std::nth_element(same_level_.begin(), at, same_level_.end());
     return *at;
   }
 
@@ -37,7 +37,7 @@ class Quantile {
   }
 
   std::array<unsigned, kBins> counts_;
-  std::vector<float> alike_;
+  std::vector<float> same_level_;
 };
 
 }  // namespace softgrip::vision

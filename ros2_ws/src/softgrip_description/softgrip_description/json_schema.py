@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a value breaks of a JSON schema (2020-12), in words: the keywords that cell.schema.json uses, and no others.
+"""What a value breaks of a JSON schema (2020-12), in words: the keywords that data/*.schema.json use, and no others.
 
-The schema is the one truth of the format: editors complete and check a cell file with it, and so does `find_problems`.
+A schema is the one truth of its format: editors complete and check a file with it, and so does `find_problems`.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from softgrip_description.cell_file.marked_yaml import Place
+from softgrip_description.marked_yaml import Place
 
-_SHIPPED = Path(__file__).parents[1] / "data" / "cell.schema.json"
+_DATA = Path(__file__).parent / "data"
 _KINDS: Mapping[str, tuple[type, ...]] = {
     "object": (dict,), "array": (list,), "string": (str,), "integer": (int,), "number": (int, float),
 }  # fmt: skip
+#: pattern -> what it asks for, where that is not a name with a letter first
+_PATTERNS = {"^[A-Za-z0-9_]+$": "letters, digits and _", "^[A-Za-z0-9_-]+$": "letters, digits, _ and -"}
 #: keywords that say something to people only
 _NOTES = {"$schema", "$id", "title", "description"}
 
@@ -28,10 +30,15 @@ _NOTES = {"$schema", "$id", "title", "description"}
 Problem = tuple[Place, str]
 
 
+def schema_path(kind: str) -> Path:
+    """Return the shipped schema of a kind of file: "cell" or "hand"."""
+    return _DATA / f"{kind}.schema.json"
+
+
 @cache
-def cell_schema() -> Mapping[str, Any]:
-    """Return the shipped schema of a cell file."""
-    schema: Mapping[str, Any] = json.loads(_SHIPPED.read_text(encoding="utf-8"))
+def shipped_schema(kind: str) -> Mapping[str, Any]:
+    """Return the shipped schema of a kind of file: "cell" or "hand"."""
+    schema: Mapping[str, Any] = json.loads(schema_path(kind).read_text(encoding="utf-8"))
     return schema
 
 
@@ -86,6 +93,11 @@ def _check_minimum(value: Any, argument: Any, schema: Mapping[str, Any], place: 
         yield place, f"expected at least {argument:g}, found {value:g}{_hint(schema)}"
 
 
+def _check_above(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+    if value <= argument:
+        yield place, f"expected more than {argument:g}, found {value:g}{_hint(schema)}"
+
+
 def _check_maximum(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
     if value > argument:
         yield place, f"expected at most {argument:g}, found {value:g}{_hint(schema)}"
@@ -98,7 +110,8 @@ def _check_min_length(value: Any, argument: Any, schema: Mapping[str, Any], plac
 
 def _check_pattern(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
     if re.search(argument, value) is None:
-        yield place, f"expected letters, digits and _, a letter first, found {_shown(value)}{_hint(schema)}"
+        words = _PATTERNS.get(argument, "letters, digits and _, a letter first")
+        yield place, f"expected {words}, found {_shown(value)}{_hint(schema)}"
 
 
 def _check_required(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
@@ -125,6 +138,22 @@ def _check_others(value: Any, argument: Any, schema: Mapping[str, Any], place: P
             yield from find_problems(value[name], argument, (*place, str(name)))
 
 
+def _check_names(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+    del schema
+    for name in value:
+        yield from find_problems(name, argument, (*place, str(name)))
+
+
+def _check_fewest(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+    if len(value) < argument:
+        yield place, f"expected at least {argument}, found {len(value) or 'none'}{_hint(schema)}"
+
+
+def _check_most(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+    if len(value) > argument:
+        yield place, f"expected at most {argument}, found {len(value)}{_hint(schema)}"
+
+
 def _check_items(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
     del schema
     for index, item in enumerate(value):
@@ -141,11 +170,16 @@ _CHECKS: Mapping[str, Callable[[Any, Any, Mapping[str, Any], Place], Iterator[Pr
     "const": _check_const,
     "enum": _check_enum,
     "minimum": _check_minimum,
+    "exclusiveMinimum": _check_above,
     "maximum": _check_maximum,
     "minLength": _check_min_length,
     "pattern": _check_pattern,
     "required": _check_required,
     "properties": _check_properties,
     "additionalProperties": _check_others,
+    "propertyNames": _check_names,
+    "minProperties": _check_fewest,
+    "minItems": _check_fewest,
+    "maxItems": _check_most,
     "items": _check_items,
 }

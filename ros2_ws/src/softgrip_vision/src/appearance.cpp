@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "softgrip/vision/looks.hpp"
+#include "softgrip/vision/appearance.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -9,8 +9,6 @@ from typing import Any
 
 import yaml
 
-from softgrip_description.errors import CellFileError
-
 #: way to a value: keys and indices
 Place = tuple[str | int, ...]
 
@@ -32,39 +30,44 @@ class MarkedDocument:
         return next((self.lines[place[:end]] for end in range(len(place), -1, -1) if place[:end] in self.lines), 1)
 
 
-def read_marked(text: str, name: str) -> MarkedDocument:
+def read_marked(text: str, name: str, error: type[ValueError]) -> MarkedDocument:
     """Return a document.
 
+    Args:
+        text: YAML.
+        name: of its file, for messages.
+        error: what is raised.
+
     Raises:
-        CellFileError: not YAML, a key twice, or a tag beyond plain values.
+        ValueError: `error`; not YAML, a key twice, or a tag beyond plain values.
     """
     try:
         loader = yaml.SafeLoader(text)
         root = loader.get_single_node()
-        lines = dict(_walk(root, (), name)) if root is not None else {}
+        lines = dict(_walk(root, (), name, error)) if root is not None else {}
         value = None if root is None else loader.construct_document(root)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise CellFileError(f"{name}:{line}: expected YAML, found: {error.problem}; correct the line") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise CellFileError(f"{name}: expected YAML, found: {error}") from error
+    except yaml.MarkedYAMLError as found:
+        line = found.problem_mark.line + 1 if found.problem_mark else 1
+        raise error(f"{name}:{line}: expected YAML, found: {found.problem}; correct the line") from found
+    except error:
+        raise
+    except (yaml.YAMLError, ValueError, RecursionError) as found:
+        raise error(f"{name}: expected YAML, found: {found}") from found
     return MarkedDocument(value, lines)
 
 
-def _walk(node: yaml.Node, place: Place, name: str) -> Iterator[tuple[Place, int]]:
+def _walk(node: yaml.Node, place: Place, name: str, error: type[ValueError]) -> Iterator[tuple[Place, int]]:
     yield place, node.start_mark.line + 1
     if isinstance(node, yaml.SequenceNode):
         for index, child in enumerate(node.value):
-            yield from _walk(child, (*place, index), name)
+            yield from _walk(child, (*place, index), name, error)
     elif isinstance(node, yaml.MappingNode):
         seen: set[str] = set()
         for key, child in node.value:
             if key.value in seen:
-                raise CellFileError(
-                    f"{name}:{key.start_mark.line + 1}: expected each key once, found {key.value} again"
-                )
+                raise error(f"{name}:{key.start_mark.line + 1}: expected each key once, found {key.value} again")
             seen.add(str(key.value))
-            yield from _walk(child, (*place, str(key.value)), name)
+            yield from _walk(child, (*place, str(key.value)), name, error)
 
 
 def place_text(place: Place) -> str:

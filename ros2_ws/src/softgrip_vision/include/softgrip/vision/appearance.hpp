@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the pixels in and around a marker look like (softgrip_vision.looks).
+// What the pixels in and around a marker look like (softgrip_vision.marker_appearance).
 #pragma once
 
 #include <array>
