@@ -8,13 +8,11 @@ longer waits. The first grasp is that of docs/build (test_first_run.py).
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import subprocess
-import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +22,7 @@ import pytest
 import yaml
 
 from softgrip_driver.rig.gauge_calibration import read_calibration
-from softgrip_emulator.cell import EmulatedCell
-from softgrip_emulator.plant.cell import ServoPlace
 from softgrip_emulator.rig.sketches import COUNTS_PER_NEWTON
-from softgrip_model.profile import load_profiles
 from softgrip_testing.synthetic_boards import POSES, BoardCamera
 from softgrip_testing.terminal import Terminal
 from softgrip_vision import calibration
@@ -42,7 +37,6 @@ ORDER = [
     "scan", "setup", "setup", "selftest", "calibrate_cell", "stage", "calibrate_tension",
     "target", "lens", "target", "plane", "cp", "cell_file", "launch", "home", "calibrate", "confirm",
 ]  # fmt: skip
-SLOTS = ("index", "middle", "thumb")
 #: the document's ports: servos, stage, gauge
 PORTS = {"/dev/ttyUSB0": "servos", "/dev/ttyUSB1": "stand", "/dev/ttyACM0": "gauge"}
 #: what a machine that others use needs, beside what stands in the document
@@ -58,6 +52,12 @@ PARAMETERS = {
         "reply_margin_s": 0.1, "no_reply_s": 5.0, "bus_watchdog_s": 0.0, "homing_timeout_s": 60.0, "loop_rate": 50.0,
     },
     "friction_rig": {"speed": 0.002, "return_speed": 0.006},
+}  # fmt: skip
+#: what calibrate_tension prints, as a servo of the cell file has it
+SINGULAR = {
+    "winding_resistances_ohm": "winding_resistance_ohm", "back_emfs_v_s": "back_emf_v_s",
+    "friction_currents_a": "friction_current_a", "friction_slopes_a_s_m": "friction_slope_a_s_m",
+    "gear_load_shares": "gear_load_share",
 }  # fmt: skip
 TRUE_LENS = Lens(
     960, 540, np.array([[905.0, 0.0, 486.0], [0.0, 908.0, 263.0], [0.0, 0.0, 1.0]]),
@@ -81,10 +81,10 @@ def name_of(words: list[str]) -> str:
 
 
 class Person:
-    """Who stands at the bench."""
+    """Who stands at the bench: an emulated cell, whose services are the person's hands."""
 
-    def __init__(self, folder: Path, cell: EmulatedCell, environment: dict[str, str]) -> None:
-        self.folder, self.cell, self.environment = folder, cell, environment
+    def __init__(self, folder: Path, cell: Any) -> None:
+        self.folder, self.cell = folder, cell
         self.said = ""
 
     def types(self, words: list[str]) -> str:
@@ -92,41 +92,42 @@ class Person:
         name = name_of(words)
         words = [str(self.folder / "wires" / PORTS[word]) if word in PORTS else word for word in words]
         line = " ".join(words) if name == "cp" else shlex.join(words + PATIENT.get(name, []))
-        terminal = Terminal(line, self.environment, self.folder)
-        self._weighs(terminal)
+        terminal = Terminal(line, self.cell.environment, self.folder)
+        while terminal.read_until(("press Enter", "written to"), 180.0) == "press Enter":
+            asked = re.findall(r"hang (nothing|[\d.]+ g)", terminal.text)[-1]
+            self.hangs(0.0, 0.0 if asked == "nothing" else float(asked.split()[0]) / 1e3)
+            terminal.press_enter()
         assert terminal.wait(180.0) == 0, f"{line}:\n{terminal.text}"
         self.said = terminal.text
         return self.said
 
-    def _weighs(self, terminal: Terminal) -> None:
-        """Hang what a command asks for; nothing where it asks for nothing."""
-        while terminal.read_until(("press Enter", "written to"), 120.0) == "press Enter":
-            asked = re.findall(r"hang (nothing|[\d.]+ g)", terminal.text)[-1]
-            self.cell.rig.set(0.0, 0.0 if asked == "nothing" else float(asked.split()[0]) / 1e3)
-            terminal.press_enter()
+    def hangs(self, angle: float, load: float) -> None:
+        """Set the wrap angle [rad] and hang a weight [kg] on the rig."""
+        self._does("emulator/set_rig", "SetRig", f"{{angle: {angle:.6f}, load: {load:.4f}}}")
 
     def connects(self, slot: str) -> None:
         """Put a servo on the cable."""
-        self.cell.faults.clear(f"servo_unplugged@{slot}")
+        self._asks("clear", f"servo_unplugged@{slot}")
+
+    def moves_the_gauge(self, slot: str) -> None:
+        """Hang the gauge into a finger's tendon; "" is the rig's cable."""
+        self._asks(*(("gauge_in_tendon", slot) if slot else ("clear", "gauge_in_tendon")))
+
+    def _asks(self, fault: str, target: str) -> None:
+        self._does("emulator/inject_fault", "InjectFault", f"{{fault: {fault}, target: '{target}'}}")
+
+    def _does(self, service: str, kind: str, request: str) -> None:
+        self.cell.ask_until(("service", "call", service, f"softgrip_interfaces/srv/{kind}", request), "success=True")
 
 
 @pytest.fixture
-def person(tmp_path: Path) -> Iterator[Person]:
+def person(launch: Launch, tmp_path: Path) -> Person:
     """A bench on the day it arrives, and its person."""
-    chain = [ServoPlace(slot, 1, "xl330_m288", 57_600) for slot in SLOTS]
-    cell = EmulatedCell(load_profiles(""), tmp_path / "wires", chain=chain, stage="grbl", gauge="bogde_no_delay")
-    cell.plant.mount(SLOTS, ["PW-I-01", "PW-M-01", "PW-T-01"], ["power"] * 3)
-    for slot in SLOTS:
-        cell.faults.inject("servo_unplugged", slot)
-    environment = os.environ | {
-        "ROS_HOME": str(tmp_path / "ros_home"),
-        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-    }
-    # As the node has it: its servos must answer while the plant computes.
-    sys.setswitchinterval(0.0005)
-    with cell:
-        yield Person(tmp_path, cell, environment)
-    sys.setswitchinterval(0.005)
+    parameters = (f"wire_dir:={tmp_path}/wires", "factory_fresh:=true", "rig_stage:=grbl", "rig_gauge:=bogde_no_delay")
+    words = [word for one in parameters for word in ("-p", one)]
+    cell = launch("ros2", "run", "softgrip_emulator", "emulated_cell", "--ros-args", *words, "-p", "camera_fps:=5.0")
+    cell.wait_for("wires in", 30.0)
+    return Person(tmp_path, cell)
 
 
 def pictures(folder: Path) -> dict[str, str]:
@@ -170,9 +171,9 @@ def measured(person: Person, cell: Any, goal: list[str], confirm: list[str]) -> 
     for line in process.stdout:
         printed.append(line)
         if "Take the weight off" in line:
-            person.cell.rig.set(0.0, 0.0)
+            person.hangs(0.0, 0.0)
         elif match := re.search(r"Set the wrap angle to ([\d.]+) deg and hang ([\d.]+) g", line):
-            person.cell.rig.set(np.radians(float(match[1])), float(match[2]) / 1e3)
+            person.hangs(np.radians(float(match[1])), float(match[2]) / 1e3)
         else:
             continue
         cell.ask_until(tuple(confirm[1:]), "success=True")
@@ -198,20 +199,22 @@ def test_a_bench_from_the_box_to_its_friction_by_the_document(launch: Launch, tm
     person.types([("2" if word == "3" else word) for word in first])
     person.connects("index")
     person.types(last)
-    assert [servo.registers.get("id") for servo in person.cell.plant.servos] == [1, 2, 3]
     assert re.search(r"servos +3 at 1000000 baud", person.types(selftest)), person.said
 
     person.types(weigh)
     found = read_calibration(tmp_path / "gauge.yaml")
-    true = COUNTS_PER_NEWTON * person.cell.rig.truth.gauge_gain
-    assert found.counts_per_newton == pytest.approx(true, rel=0.03)
+    # The cell's gain is off by a per cent, and the pulley rubs.
+    assert found.counts_per_newton == pytest.approx(COUNTS_PER_NEWTON, rel=0.05)
     assert "went +5.0" in person.types(stage)
-    assert person.cell.rig.plant.travel == pytest.approx(5e-3, abs=5e-5)
-    person.cell.hang_gauge("index")
+    person.moves_the_gauge("index")
     printed = person.types(tension)
-    torque = re.search(r"torque_per_ampere_nm_a: \[([\d.]+)\]", printed)
-    assert torque is not None, printed
-    person.cell.hang_gauge("")
+    # docs/build/servos.md: its lines go into `torque:` of the servo, in the singular
+    torque = {
+        SINGULAR.get(name, name): float(value)
+        for name, value in re.findall(r"^(\w+): \[([\d.]+)\]", printed, re.MULTILINE)
+    }
+    assert torque["torque_per_ampere_nm_a"] == pytest.approx(0.362, rel=0.15), printed
+    person.moves_the_gauge("")
 
     folders = pictures(tmp_path)
     person.types(board)
@@ -224,7 +227,7 @@ def test_a_bench_from_the_box_to_its_friction_by_the_document(launch: Launch, tm
     assert [one.finger for one in known.planes] == ["index"]
 
     person.types(copy)
-    edited(tmp_path / "cell.yaml", tmp_path / "wires", {"torque_per_ampere_nm_a": float(torque[1])})
+    edited(tmp_path / "cell.yaml", tmp_path / "wires", torque)
     person.types(check)
     file = f"cell_file:={tmp_path}/cell.yaml"
     cell = launch(*[file if word == "cell_file:=cell.yaml" else word for word in start], f"out:={tmp_path}/out")

@@ -249,13 +249,13 @@ def test_a_stage_that_reports_inches_pulls_millimetres(benches, tmp_path, world,
         bench.open()
         said.extend(text for identity in bench.identities for text in identity.warnings)
         bench.hold_taut(1.0)
-        before, said_before = bench.plant.travel, bench.drive("pull").length
+        before, said_before = bench.plant.travel, bench.drive("pull").pulled_length_m
         outcome, reason = bench.run(bench.move([said_before + 0.004], 0.003))
         assert outcome is MoveOutcome.REACHED, reason
         bench.pass_time(1.0)
         went = bench.plant.travel - before
         assert went == pytest.approx(0.004, abs=3e-4)
-        assert bench.drive("pull").length - said_before == pytest.approx(went, abs=5e-5)
+        assert bench.drive("pull").pulled_length_m - said_before == pytest.approx(went, abs=5e-5)
         assert bench.drive("pull").tension == pytest.approx(bench.plant.force, rel=0.02, abs=0.05)
     finally:
         bench.close()

@@ -63,7 +63,7 @@ def test_a_model_homes_closes_and_holds_within_its_limits(bench):
     for seen in bench.pass_time(HOLDS_S):
         assert [(drive.state, drive.fault) for drive in seen.drives] == [(DriveState.HOLDING, "")] * 3
     assert bench.plant.wound_m() == pytest.approx(held, abs=2e-4)
-    assert [drive.length for drive in bench.loop.snapshot.drives] == pytest.approx([0.015] * 3, abs=2e-4)
+    assert [drive.pulled_length_m for drive in bench.loop.snapshot.drives] == pytest.approx([0.015] * 3, abs=2e-4)
     assert (bench.plant.bank.tension_n > 1.0).all()
 
 

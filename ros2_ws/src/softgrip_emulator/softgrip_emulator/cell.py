@@ -21,7 +21,6 @@ from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import FaultBoard, FaultyDevices
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
-from softgrip_emulator.rig.sensor import OtherLine
 from softgrip_emulator.servos import make_chain
 from softgrip_emulator.time_server import GIVE_UP_S, TimeServer
 from softgrip_emulator.wire.faulty import FaultyWire
@@ -105,7 +104,8 @@ class EmulatedCell:
             supply: of the servos.
             camera: resolution, rate, port.
             gauge_on: slot whose tendon the force gauge hangs in; empty = the rig's cable.
-            stage, gauge: of the rig, as `EmulatedRig` names them.
+            stage: of the rig, as `EmulatedRig` names it.
+            gauge: likewise.
 
         Raises:
             EmulatorError: no such slot.
@@ -116,7 +116,8 @@ class EmulatedCell:
         self.plant = CellPlant(profiles, seed=seed, chain=chain, supply=supply)
         self.rig = EmulatedRig(seed, clock=ScaledCellClock(self.clock, rig_time_scale), stage=stage, gauge=gauge)
         if gauge_on:
-            self.hang_gauge(gauge_on)
+            index = self.plant.index(gauge_on)
+            self.rig.hang_gauge(lambda: float(self.plant.bank.tension_n[index]))
         self.chain = make_chain(self.plant.servos, self.plant.lock, self.plant.advance_to)
         self.bus_wire = FaultyWire(self.chain, seed)
         self.time_server = TimeServer(
@@ -164,18 +165,6 @@ class EmulatedCell:
             ) from error
         self.time_server.start()
         return self
-
-    def hang_gauge(self, slot: str) -> None:
-        """Take the force gauge out of its line and hang it into a finger's tendon; an empty slot is the rig's cable.
-
-        Raises:
-            EmulatorError: no such slot.
-        """
-        if not slot:
-            self.rig.cell.hang(self.rig.plant)
-            return
-        index = self.plant.index(slot)
-        self.rig.cell.hang(OtherLine(self.rig.truth, lambda: float(self.plant.bank.tension_n[index])))
 
     def _make_port(self, path: Path, device: WireDevice) -> DrivenPort:
         port = DrivenPort(path, device, self.rig.clock, wake=self.time_server.wake)

@@ -13,7 +13,7 @@ from softgrip_emulator.rig.mark10_gauge import EmulatedMark10Gauge
 from softgrip_emulator.rig.mark10_stand import EmulatedMark10Stand
 from softgrip_emulator.rig.plant import RigPlant
 from softgrip_emulator.rig.polled import PROTOCOLS, EmulatedPolledGauge
-from softgrip_emulator.rig.sensor import LoadCell
+from softgrip_emulator.rig.sensor import LoadCell, OtherLine
 from softgrip_emulator.rig.sketches import SKETCHES, EmulatedBoard
 from softgrip_emulator.rig.truth import RigTruth
 from softgrip_emulator.wire.pty import PtyPort
@@ -114,6 +114,10 @@ class EmulatedRig:
             self.plant.advance(self.clock.now_s())
             angle = angle_rad + self._misplaced.get("wrong_angle", 0.0)
             self.plant.set(angle, load_kg * self._misplaced.get("wrong_weight", 1.0))
+
+    def hang_gauge(self, look: Callable[[], float] | None) -> None:
+        """Hang the gauge into another line, of which ``look`` gives the force [N]; None: back into the rig's cable."""
+        self.cell.hang(self.plant if look is None else OtherLine(self.truth, look))
 
     # -- what goes wrong -------------------------------------------------------------------------------------------
 
