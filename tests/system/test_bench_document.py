@@ -22,9 +22,11 @@ import pytest
 import yaml
 
 from softgrip_driver.rig.gauge_calibration import read_calibration
+from softgrip_driver.rig.journal import PlanJournal
 from softgrip_emulator.rig.sketches import COUNTS_PER_NEWTON
+from softgrip_emulator.rig.truth import RigTruth
 from softgrip_testing.synthetic_boards import POSES, BoardCamera
-from softgrip_testing.terminal import Terminal
+from softgrip_testing.terminal import CommandTerminal
 from softgrip_vision import calibration
 from softgrip_vision.calibrating.board import Board
 from softgrip_vision.calibration import Lens
@@ -92,7 +94,7 @@ class Person:
         name = name_of(words)
         words = [str(self.folder / "wires" / PORTS[word]) if word in PORTS else word for word in words]
         line = " ".join(words) if name == "cp" else shlex.join(words + PATIENT.get(name, []))
-        terminal = Terminal(line, self.cell.environment, self.folder)
+        terminal = CommandTerminal(line, self.cell.environment, self.folder)
         while terminal.read_until(("press Enter", "written to"), 180.0) == "press Enter":
             asked = re.findall(r"hang (nothing|[\d.]+ g)", terminal.text)[-1]
             self.hangs(0.0, 0.0 if asked == "nothing" else float(asked.split()[0]) / 1e3)
@@ -233,7 +235,13 @@ def test_a_bench_from_the_box_to_its_friction_by_the_document(launch: Launch, tm
     cell = launch(*[file if word == "cell_file:=cell.yaml" else word for word in start], f"out:={tmp_path}/out")
     cell.ask_until(tuple(home[1:]), "success=True")
     printed = measured(person, cell, goal, confirm)
-    assert "usable" in printed.lower(), printed[-3000:]
+    assert "Goal finished with status: SUCCEEDED" in printed, printed[-3000:]
+    (path,) = (tmp_path / "out" / "friction" / "plans").glob("*.jsonl")
+    points, truth = PlanJournal.read(path).points.values(), RigTruth.from_seed(1).friction
+    assert len(points) == 9
+    for point in points:
+        ratio = point.tension_high / point.tension_low
+        assert ratio == pytest.approx(float(truth.ratio(point.angle, point.tension_low)), rel=0.1)
     cell.interrupt()
     cell.wait_for_end(30.0)
     assert cell.survivors() == []

@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from softgrip_description.cell_file import load_cell
-from softgrip_testing.terminal import Terminal
+from softgrip_testing.terminal import CommandTerminal
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 DOCUMENTS = Path(__file__).resolve().parents[2] / "docs" / "build"
@@ -42,19 +42,19 @@ def command(document: str, name: str) -> list[str]:
     return next(words(line) for block in blocks(document) for line in block.splitlines() if name in words(line))
 
 
-Open = Callable[[str], Terminal]
+Open = Callable[[str], CommandTerminal]
 
 
 @pytest.fixture
 def terminal(two_environments: tuple[dict[str, str], dict[str, str]], tmp_path: Path) -> Iterator[Open]:
     """Give terminals in one folder and one domain, and close them."""
     environment, second = two_environments
-    opened: list[Terminal] = []
+    opened: list[CommandTerminal] = []
 
-    def open_terminal(line: str) -> Terminal:
+    def open_terminal(line: str) -> CommandTerminal:
         # the page's second cell takes domain 1; beside other tests it is another one of this test's own
         line = line.replace("ROS_DOMAIN_ID=1 ", f"ROS_DOMAIN_ID={second['ROS_DOMAIN_ID']} ")
-        opened.append(Terminal(line, environment, tmp_path))
+        opened.append(CommandTerminal(line, environment, tmp_path))
         return opened[-1]
 
     yield open_terminal

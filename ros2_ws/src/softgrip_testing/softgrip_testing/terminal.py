@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 
-class Terminal:
+class CommandTerminal:
     """A command at a terminal of its own.
 
     Args:

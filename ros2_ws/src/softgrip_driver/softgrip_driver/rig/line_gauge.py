@@ -33,7 +33,7 @@ MIN_BOOT_S = 0.5
 _TARE_READINGS = 8
 #: [s] of silence before a gauge is asked again while it boots
 _ASK_PERIOD_S = 0.5
-_BEGAN_ANEW = "; its board may have begun anew, and tared itself under load"
+_MAY_HAVE_RESTARTED = "; its board may have begun anew, and tared itself under load"
 #: a line is late when it takes so many times what the first took
 _TIMEOUT_FACTOR = 2.5
 
@@ -159,9 +159,9 @@ class LineGauge:
         # One line may be late without a boot.
         lasted = self._silence.ended(began, clock.now_s())
         if lasted >= max(MIN_BOOT_S, 2.0 * self._timeout):
-            raise GaugeRestartedError(f"gauge: expected a line, found none for {lasted:.1f} s{_BEGAN_ANEW}")
+            raise GaugeRestartedError(f"gauge: expected a line, found none for {lasted:.1f} s{_MAY_HAVE_RESTARTED}")
         if not self._line.request and _is_banner(line) and not self._line.matches(line):
-            raise GaugeRestartedError(f"gauge: expected a value, found {line[:60]!r}{_BEGAN_ANEW}")
+            raise GaugeRestartedError(f"gauge: expected a value, found {line[:60]!r}{_MAY_HAVE_RESTARTED}")
         return line
 
     def _next_line(self, timeout: float) -> bytes:
