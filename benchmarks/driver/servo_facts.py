@@ -112,7 +112,9 @@ def homing(cell: VirtualCell) -> str:
     outcome, reason = cell.controller.result(ticket)
     taut_m = cell.plant.wound_m() - cell.plant.bank.slack_m
     if outcome is MoveOutcome.REACHED:
-        errors_mm = [1e3 * (cell.controller.drives[slot].snapshot().length - taut_m[i]) for i, slot in enumerate(SLOTS)]
+        errors_mm = [
+            1e3 * (cell.controller.drives[slot].snapshot().pulled_length_m - taut_m[i]) for i, slot in enumerate(SLOTS)
+        ]
         return f"{max(errors_mm, key=abs):+.2f} mm, {highest:.1f} N"
     cell.controller.reset()
     cell.switch_on()

@@ -161,7 +161,7 @@ def homed(seed: int, limits: CurrentSensing) -> tuple[float, float]:
         cell.observe()
         highest = max(highest, float(np.max(cell.plant.bank.tension_n)))
     taut = cell.plant.wound_m() - cell.plant.bank.slack_m
-    zeros = [cell.controller.drives[slot].snapshot().length for slot in SLOTS]
+    zeros = [cell.controller.drives[slot].snapshot().pulled_length_m for slot in SLOTS]
     return max(abs(float(a) - b) for a, b in zip(taut, zeros, strict=True)), highest
 
 

@@ -6,6 +6,7 @@ Which nodes start with which devices, and whose configuration wins, is in embedd
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -71,34 +72,44 @@ def end(cell: Any, out: Path) -> None:
     assert cell.survivors() == []
 
 
-@pytest.mark.timeout(180)
-def test_a_bench_with_servos_alone_homes_and_says_what_it_lacks(launch: Launch, tmp_path: Path, wires: Path) -> None:
-    chain = "".join(
-        f"{{tendon: {name}, model: XL330-M288, id: {i}, direction: 1}}, " for i, name in enumerate(TENDONS, 1)
-    )
-    cell = start(launch, tmp_path, f"servos: {{port: {wires}/servos, chain: [{chain}]}}\n", "gripper:=false")
-    cell.ask_until(("service", "call", "tendon/home", "std_srvs/srv/Trigger"), "success=True")
-    end(cell, tmp_path / "out")
-    found = diagnosed(tmp_path / "out")
-    assert found["friction_rig: rig"][0] == 0
-    assert "no rig" in found["friction_rig: rig"][1]
-    assert found["camera: capture"][0] == 0
-    assert "no camera" in found["camera: capture"][1]
-    assert "marker_tracker" not in {name.partition(":")[0] for name in found}
+CHAIN = "".join(f"{{tendon: {name}, model: XL330-M288, id: {i}, direction: 1}}, " for i, name in enumerate(TENDONS, 1))
+#: a section of the cell file for each device; WIRES is the folder of its ports
+SECTIONS = {
+    "servos": f"servos: {{port: WIRES/servos, chain: [{CHAIN}]}}\n",
+    "rig": "rig: {stage: {kind: mark10, port: WIRES/stand}, gauge: {kind: gcl2, port: WIRES/gauge}}\n",
+    "camera": 'camera: {source: "@WIRES/camera.url", calibration: WIRES/camera_calibration.yaml}\n',
+}
+#: what shows that a device works: a question, and what its answer holds
+QUESTIONS = {
+    "servos": (("service", "call", "tendon/home", "std_srvs/srv/Trigger"), "success=True"),
+    "rig": (("topic", "echo", "--once", "load_cell/wrench"), "force"),
+    "camera": (("topic", "echo", "--once", "camera/camera_info"), "width: 640"),
+}
+EVERY = [chosen for count in range(4) for chosen in itertools.combinations(SECTIONS, count)]
 
 
-@pytest.mark.timeout(180)
-def test_a_bench_with_rig_and_camera_alone_reads_both(launch: Launch, tmp_path: Path, wires: Path) -> None:
-    sections = f"""
-rig: {{stage: {{kind: mark10, port: {wires}/stand}}, gauge: {{kind: gcl2, port: {wires}/gauge}}}}
-camera: {{source: "@{wires}/camera.url", calibration: {wires}/camera_calibration.yaml}}
-"""
-    cell = start(launch, tmp_path, sections)
-    cell.ask_until(("topic", "echo", "--once", "load_cell/wrench"), "force")
-    cell.ask_until(("topic", "echo", "--once", "camera/camera_info"), "width: 640")
+@pytest.mark.timeout(240)
+@pytest.mark.parametrize("devices", EVERY, ids=lambda devices: " and ".join(devices) or "nothing")
+def test_a_bench_with_any_of_its_devices_uses_them_and_says_what_it_lacks(
+    launch: Launch, tmp_path: Path, wires: Path, devices: tuple[str, ...]
+) -> None:
+    sections = "".join(SECTIONS[name].replace("WIRES", str(wires)) for name in devices)
+    cell = start(launch, tmp_path, sections, "gripper:=false")
+    for name in devices:
+        cell.ask_until(*QUESTIONS[name])
     end(cell, tmp_path / "out")
     found = diagnosed(tmp_path / "out")
-    assert found["friction_rig: rig"] == (0, "connected")
-    assert "no tendon_driver here" in found["friction_rig: safety"][1]
-    assert found["camera: frames"] == (0, "of the calibrated size")
-    assert {"tendon_driver", "grasp_mix_manager"}.isdisjoint(name.partition(":")[0] for name in found)
+    started = {name.partition(":")[0] for name in found}
+    assert started.isdisjoint({"tendon_driver", "grasp_mix_manager"}) == ("servos" not in devices)
+    assert ("marker_tracker" in started) == ("camera" in devices)
+    level, text = found["friction_rig: rig"]
+    assert (level, "no rig" in text) == (0, "rig" not in devices)
+    if "rig" in devices:
+        assert text == "connected"
+        _, safety = found.get("friction_rig: safety", (0, ""))
+        assert ("no tendon_driver here" in safety) == ("servos" not in devices)
+    if "camera" in devices:
+        assert found["camera: frames"] == (0, "of the calibrated size")
+    else:
+        level, text = found["camera: capture"]
+        assert (level, "no camera" in text) == (0, True)

@@ -8,20 +8,17 @@ asks for them, presses Enter, and appends to the cell file.
 from __future__ import annotations
 
 import json
-import os
-import pty
 import re
-import select
 import shlex
 import signal
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from softgrip_description.cell_file import load_cell
+from softgrip_testing.terminal import CommandTerminal
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 DOCUMENTS = Path(__file__).resolve().parents[2] / "docs" / "build"
@@ -45,56 +42,19 @@ def command(document: str, name: str) -> list[str]:
     return next(words(line) for block in blocks(document) for line in block.splitlines() if name in words(line))
 
 
-class Terminal:
-    """A command at a terminal of its own, and the person who reads it."""
-
-    def __init__(self, line: str, environment: dict[str, str], folder: Path) -> None:
-        self.handle, end = pty.openpty()
-        self.text = ""
-        self.process = subprocess.Popen(
-            ["bash", "-c", line], stdin=end, stdout=end, stderr=end, env=environment, cwd=folder, start_new_session=True
-        )
-        os.close(end)
-
-    def read_until(self, texts: tuple[str, ...], timeout_s: float) -> str:
-        """Return which of some texts came first since the last one, "" at the end of the command."""
-        deadline, seen = time.monotonic() + timeout_s, ""
-        while time.monotonic() < deadline:
-            if select.select([self.handle], [], [], 0.1)[0]:
-                try:
-                    data = os.read(self.handle, 4096).decode(errors="replace")
-                except OSError:
-                    return ""
-                self.text, seen = self.text + data, seen + data
-            for text in texts:
-                if text in seen:
-                    return text
-            if self.process.poll() is not None and not select.select([self.handle], [], [], 0.2)[0]:
-                return ""
-        raise AssertionError(f"expected one of {texts} within {timeout_s:g} s, found:\n{self.text[-3000:]}")
-
-    def end(self, signal_number: int = signal.SIGINT) -> None:
-        """Ctrl-C."""
-        if self.process.poll() is None:
-            os.killpg(self.process.pid, signal_number)
-
-    def press_enter(self) -> None:
-        os.write(self.handle, b"\n")
-
-
-Open = Callable[[str], Terminal]
+Open = Callable[[str], CommandTerminal]
 
 
 @pytest.fixture
 def terminal(two_environments: tuple[dict[str, str], dict[str, str]], tmp_path: Path) -> Iterator[Open]:
     """Give terminals in one folder and one domain, and close them."""
     environment, second = two_environments
-    opened: list[Terminal] = []
+    opened: list[CommandTerminal] = []
 
-    def open_terminal(line: str) -> Terminal:
+    def open_terminal(line: str) -> CommandTerminal:
         # the page's second cell takes domain 1; beside other tests it is another one of this test's own
         line = line.replace("ROS_DOMAIN_ID=1 ", f"ROS_DOMAIN_ID={second['ROS_DOMAIN_ID']} ")
-        opened.append(Terminal(line, environment, tmp_path))
+        opened.append(CommandTerminal(line, environment, tmp_path))
         return opened[-1]
 
     yield open_terminal

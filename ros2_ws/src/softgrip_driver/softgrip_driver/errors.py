@@ -32,6 +32,10 @@ class CorruptReplyError(DriverError):
     """Bytes came back that are no valid answer: checksum, length, ID or instruction are wrong."""
 
 
+class GaugeRestartedError(CorruptReplyError):
+    """The gauge began anew while it was in use: its zero may be another."""
+
+
 class DeviceRefusedError(DriverError):
     """The device answered that it will not do what was asked."""
 

@@ -38,10 +38,12 @@ from softgrip_emulator.faults import BUS_FAULTS, Overrides
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON
+from softgrip_emulator.rig.sketches import EmulatedBoard
 from softgrip_emulator.rig.truth import RigTruth
 from softgrip_emulator.servos import load_ratings, make_chain
 from softgrip_emulator.wire.faulty import FaultyWire
 from softgrip_emulator.wire.usb_adapter import UsbAdapter
+from softgrip_model.friction.laws import GRAVITY
 from softgrip_model.profile import load_directory
 from softgrip_testing.scripts import load_script
 from softgrip_testing.spring_plant import SpringPlant
@@ -240,13 +242,20 @@ class StageBench(RunningLoop):
         stall_time=1.0, break_confirm=0.08,
     )  # fmt: skip
 
-    def __init__(self, folder: Path, world, stage: str, gauge: str, proof: float = 0.0) -> None:
+    def __init__(self, folder: Path, world, stage: str, gauge: str, proof: float = 0.0, stage_settings=None) -> None:
         self.world, self.undo = world, []
         limits = replace(self.LIMITS, no_reply=0.05 if world.quiet else 0.3)
         self.plant = SpringPlant(RigTruth.from_seed(1))
-        self.rig = EmulatedRig(1, stage=stage, gauge=gauge, plant=self.plant, clock=world.clock)
+        self.rig = EmulatedRig(
+            1, stage=stage, gauge=gauge, plant=self.plant, clock=world.clock, stage_settings=stage_settings
+        )
+        if gauge == "olkal_read":
+            # Its sketch shows grams, and its HX711 has the pin RATE pulled up, or the loop would be too slow.
+            self.rig.gauge = EmulatedBoard(self.rig.cell, gauge, rate_hz=80.0)
+            stream = StreamSettings(line="hx711_adc", counts_per_newton=1e3 / GRAVITY)
+        else:
+            stream = StreamSettings(line=gauge, counts_per_newton=COUNTS_PER_NEWTON)
         self.rig.open_ports(folder, world.port)
-        stream = StreamSettings(line=gauge, counts_per_newton=COUNTS_PER_NEWTON)
         reply = 0.04 if world.quiet else 0.15
         self.backend = StageBackend(
             "pull",

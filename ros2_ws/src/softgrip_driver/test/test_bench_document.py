@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Every command of docs/bench.md, as it stands there, against emulated devices on the wires.
+"""The driver's commands of docs/bench.md, as they stand there, in a time of their own.
 
-calibrate_tension runs in real time on pseudo-terminals (real_time/test_calibrate_tension.py); calibrate_camera in
-softgrip_vision's tests; the launch in tests/system/test_bench.py. Here their options are read.
+All commands of the document on one bench, in real time over pseudo-terminals: tests/system/test_bench_document.py.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.rig import EmulatedRig
 
 DOCUMENT = Path(__file__).resolve().parents[4] / "docs" / "bench.md"
-LINES = [line.strip() for line in DOCUMENT.read_text().splitlines() if line.startswith("    ros2 run softgrip_driver ")]
+LINES = [line for line in DOCUMENT.read_text().splitlines() if line.startswith("ros2 run softgrip_driver ")]
 #: the document's ports: servos, stage, gauge
 PORTS = {"/dev/ttyUSB0": "servos", "/dev/ttyUSB1": "stand", "/dev/ttyACM0": "gauge"}
 G = 9.81
@@ -38,10 +37,11 @@ def words_of(line: str, folder: Path) -> tuple[str, list[str]]:
 
 @pytest.fixture
 def bench(tmp_path, world, monkeypatch):
-    """A bench on the day it arrives: a new servo with ID 1 at 57600 baud, a GRBL stage, an HX711 board."""
+    """A bench on the day it arrives: two new servos with ID 1 at 57600 baud, a GRBL stage, an HX711 board."""
     monkeypatch.chdir(tmp_path)
-    servo = EmulatedServo(load_model("xl330_m288"), 1, baud=57_600)
-    ports = [world.port(tmp_path / "servos", DynamixelChain([servo]))]
+    servos = [EmulatedServo(load_model("xl330_m288"), 1, baud=57_600) for _ in range(2)]
+    servos[1].is_connected = False
+    ports = [world.port(tmp_path / "servos", DynamixelChain(servos))]
     rig = EmulatedRig(clock=world.clock, stage="grbl", gauge="bogde_basic").open_ports(tmp_path, world.port)
     weights = iter([0.0, 0.2, 0.5, 1.0, 0.0])
 
@@ -52,7 +52,7 @@ def bench(tmp_path, world, monkeypatch):
         return ""
 
     monkeypatch.setattr(builtins, "input", hang)
-    yield rig
+    yield rig, servos
     for port in ports:
         port.close()
     rig.close()
@@ -60,17 +60,19 @@ def bench(tmp_path, world, monkeypatch):
 
 
 def test_the_lines_of_the_document_work_in_their_order(bench, tmp_path, capsys) -> None:
-    done = []
+    (rig, servos), done = bench, []
     for line in LINES:
         command, words = words_of(line, tmp_path)
         if command == "calibrate_tension":
             continue
+        if command == "setup" and "setup" in done:
+            servos[1].is_connected = True
         # An emulated servo alone on its bus answers in no time: half a second is as good as five.
         words += ["--seconds", "0.5"] if command == "selftest" else []
         assert importlib.import_module(f"softgrip_driver.commands.{command}").main(words) == 0, line
         done.append(command)
-    assert done == ["scan", "setup", "selftest", "calibrate_cell", "stage"]
-    assert bench.plant.travel == pytest.approx(5e-3, abs=3e-5)
+    assert done == ["scan", "setup", "setup", "selftest", "calibrate_cell", "stage"]
+    assert rig.plant.travel == pytest.approx(5e-3, abs=3e-5)
     found = read_calibration(tmp_path / "gauge.yaml")
     assert found.line == "hx711"
     assert "went +5.0" in capsys.readouterr().out

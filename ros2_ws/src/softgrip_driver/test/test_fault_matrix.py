@@ -20,8 +20,11 @@ TABLES = {
     "stand": "test stand with GCL2 gauge: 20 Hz",
     "start": "before anything moves",
     "grbl": "GRBL stage with streaming amplifier (raw counts, 80 a second): 10 Hz",
+    "board": "GRBL stage with an HX711 board that tares itself when it boots (80 a second): 10 Hz",
 }
 STAGE_DEVICES = {"stand": ("mark10", "gcl2"), "grbl": ("grbl", "raw")}
+#: rows of the board alone: what its amplifier does is in the rows of "grbl"
+BOARD = ("grbl", "olkal_read")
 BUSY = {DriveState.MOVING, DriveState.HOMING}
 
 
@@ -130,6 +133,10 @@ ROWS += [replace(row, device=device) for device in STAGE_DEVICES for row in BOTH
     Row("contaminated_stream", "", device="stand", lasts=0.6, safe_within=None),
     Row("contaminated_stream", "gauge_lost", device="grbl", reason="expected a line like", safe_within=2 * SLOW),
     Row("alarm", "stage_alarm", device="grbl", reason="home it again", recovery="home", safe_within=SLOW),
+] + [
+    Row("board_reset", "gauge_restarted", device="board", arguments=(("boot", boot),), on=on, reason="begun anew",
+        recovery="home", safe_within=SLOW)
+    for boot in (0.5, 1.6, 3.0) for on in ("closing", "holding")
 ]  # fmt: skip
 # What each device says of a force beyond its range is its own.
 ROWS = [replace(row, reason="beyond its capacity") if (row.cause, row.device) == ("saturated", "stand") else row
@@ -147,7 +154,8 @@ def matrix(request):
 def bench(row, benches, tmp_path, world):
     """What a row happens to."""
     servos, stage = benches
-    one = servos(tmp_path, world) if row.device == "bus" else stage(tmp_path, world, *STAGE_DEVICES[row.device])
+    devices = STAGE_DEVICES | {"board": BOARD}
+    one = servos(tmp_path, world) if row.device == "bus" else stage(tmp_path, world, *devices[row.device])
     try:
         yield one.open()
     finally:
@@ -175,6 +183,8 @@ def test_fault(bench, row, matrix):
     bench.clear()
     if row.cause in {"heating", "overheating"}:
         cool(bench)
+    if row.cause == "board_reset":
+        start_again_without_load(bench)
     recovered = recover(bench, row)
     aim = "-" if row.safe_within is None else f"{row.safe_within * 1e3:.0f} ms"
     matrix[TABLES[row.device]].append((row.label, row.on, row.fault or "rides through", seen, aim, recovered))
@@ -184,7 +194,8 @@ class Said(list):
     """What a person is told at start."""
 
     def note(self, matrix, cause, reason):
-        matrix[TABLES["start"]].append((cause, "start", reason, "nothing moves", "-", "by hand"))
+        seen, ends = ("goes as asked", "-") if "converted" in reason else ("nothing moves", "by hand")
+        matrix[TABLES["start"]].append((cause, "start", reason, seen, "-", ends))
         assert any(reason in text for text in self), self
 
 
@@ -229,6 +240,28 @@ def test_a_limit_on_either_side_of_the_supply_homes_gently(benches, tmp_path, wo
         (f"limit of the {limits.value}", "homing", "-", f"pulls {pulled:.1f} N", "4 N", "by itself")
     )
     assert pulled < 4.0
+
+
+@pytest.mark.parametrize("settings", [{13: 1.0}, {10: 0.0, 13: 1.0}], ids=["inches", "inches, work position"])
+def test_a_stage_that_reports_inches_pulls_millimetres(benches, tmp_path, world, matrix, settings):
+    bench, said = benches[1](tmp_path, world, "grbl", "raw", stage_settings=settings), Said()
+    try:
+        bench.open()
+        said.extend(text for identity in bench.identities for text in identity.warnings)
+        bench.hold_taut(1.0)
+        before, said_before = bench.plant.travel, bench.drive("pull").pulled_length_m
+        outcome, reason = bench.run(bench.move([said_before + 0.004], 0.003))
+        assert outcome is MoveOutcome.REACHED, reason
+        bench.pass_time(1.0)
+        went = bench.plant.travel - before
+        assert went == pytest.approx(0.004, abs=3e-4)
+        assert bench.drive("pull").pulled_length_m - said_before == pytest.approx(went, abs=5e-5)
+        assert bench.drive("pull").tension == pytest.approx(bench.plant.force, rel=0.02, abs=0.05)
+    finally:
+        bench.close()
+    said.note(
+        matrix, " ".join(f"${number}={value:g}" for number, value in settings.items()), "inches; they are converted"
+    )
 
 
 @pytest.mark.parametrize(("cause", "fault"), [("cell_cut", "gauge_unproven"), ("cell_reversed", "gauge_reversed")])
@@ -318,6 +351,15 @@ def homed(bench, tendons):
         if outcome is MoveOutcome.REACHED:
             return True
     return pytest.fail(reason)
+
+
+def start_again_without_load(bench):
+    """Do what the fault asks for: nothing on the cell, the board's button, the tendon back on the cell."""
+    bench.plant.loosen(0.02)
+    bench.pass_time(6.0)
+    bench.cause("board_reset")
+    bench.pass_time(6.0)
+    bench.plant.loosen(-0.02)
 
 
 def cool(bench):

@@ -127,6 +127,28 @@ def test_opened_again_it_must_be_proven_again(stage) -> None:
     assert stage.until(lambda seen: seen.drives[0].fault == "gauge_unproven", 10.0)
 
 
+@pytest.fixture
+def board(benches, tmp_path, world):
+    """A stage with an HX711 board whose sketch tares itself when it boots."""
+    bench = benches[1](tmp_path, world, "grbl", "olkal_read")
+    yield bench.open()
+    bench.close()
+
+
+def test_a_board_that_tared_itself_under_load_is_found_out_before_anything_is_wound_in(board) -> None:
+    """It boots with 8 N on its cell and shows 0 N: whoever believed it would pull 8 N more than asked for."""
+    board.hold_taut(8.0)
+    pulled_n = board.plant.force
+    board.cause("board_reset")
+    assert board.until(lambda seen: seen.drives[0].fault == "gauge_restarted", 10.0), drive(board)
+    assert board.until(lambda seen: seen.drives[0].tension < 0.1, 5.0), drive(board)
+    board.loop.reset(power=True)
+    outcome, reason = home(board)
+    assert outcome is MoveOutcome.FAULT
+    assert "gauge reads less than nothing" in reason
+    assert board.plant.force < pulled_n + 0.1
+
+
 # -- on the rig --------------------------------------------------------------------------------------------------------
 
 

@@ -356,7 +356,6 @@ def test_travel_in_inches_is_refused():
         ("time_raw", b"1234,160000", 160000.0),
         ("grams", b"Reading: 12.34 g", 12.34e-3 * 9.81),
         ("openscale", b"1200,0.5000,kg,24.5,", 0.5 * 9.81),
-        ("scale", b"ST,GS,+ 12.345kg", 12.345 * 9.81),
     ],
 )
 def test_lines_of_real_devices(name, line, newtons):

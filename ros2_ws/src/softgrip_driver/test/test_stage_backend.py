@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from softgrip_driver.errors import NoReplyError, SaturatedError
+from softgrip_driver.errors import GaugeRestartedError, NoReplyError, SaturatedError
 from softgrip_driver.rig.devices import DeviceIdentity
 from softgrip_driver.stage.backend import StageBackend
 from softgrip_driver.tendon.backend import Setpoint
@@ -95,6 +95,17 @@ def test_a_gauge_that_stays_silent_is_a_fault_by_the_third_time(rig: Rig) -> Non
         rig.tell(0.005)
         found.append(rig.reading.faults)
     assert found == [(), (), ("gauge_lost",)]
+
+
+@pytest.mark.parametrize("powered", [True, False])
+def test_a_gauge_that_began_anew_is_a_fault_whether_the_tendon_is_held_or_not(rig: Rig, powered: bool) -> None:
+    rig.backend.power("pull", powered)
+    rig.gauge.shows = GaugeRestartedError("a banner")
+    assert ("start", 0.005) not in rig.tell(0.005)
+    assert rig.reading.faults == ("gauge_restarted",)
+    rig.gauge.shows = 0.0
+    rig.tell(0.005)
+    assert rig.reading.faults == (), "once: what stays is the drive's"
 
 
 def test_a_tension_beyond_the_gauge_s_range_is_one_that_a_person_has_to_reset(rig: Rig) -> None:

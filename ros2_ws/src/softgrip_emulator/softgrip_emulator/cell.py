@@ -21,7 +21,6 @@ from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import FaultBoard, FaultyDevices
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
-from softgrip_emulator.rig.sensor import OtherLine
 from softgrip_emulator.servos import make_chain
 from softgrip_emulator.time_server import GIVE_UP_S, TimeServer
 from softgrip_emulator.wire.faulty import FaultyWire
@@ -88,6 +87,8 @@ class EmulatedCell:
         supply: Supply | None = None,
         camera: CameraSettings | None = None,
         gauge_on: str = "",
+        stage: str = "mark10",
+        gauge: str = "gcl2",
     ) -> None:
         """Prepare a cell; nothing exists before `open`.
 
@@ -103,6 +104,8 @@ class EmulatedCell:
             supply: of the servos.
             camera: resolution, rate, port.
             gauge_on: slot whose tendon the force gauge hangs in; empty = the rig's cable.
+            stage: of the rig, as `EmulatedRig` names it.
+            gauge: likewise.
 
         Raises:
             EmulatorError: no such slot.
@@ -111,10 +114,10 @@ class EmulatedCell:
         self.seed = seed
         self.clock = SetClock()
         self.plant = CellPlant(profiles, seed=seed, chain=chain, supply=supply)
-        self.rig = EmulatedRig(seed, clock=ScaledCellClock(self.clock, rig_time_scale))
+        self.rig = EmulatedRig(seed, clock=ScaledCellClock(self.clock, rig_time_scale), stage=stage, gauge=gauge)
         if gauge_on:
             index = self.plant.index(gauge_on)
-            self.rig.cell.hang(OtherLine(self.rig.truth, lambda: float(self.plant.bank.tension_n[index])))
+            self.rig.hang_gauge(lambda: float(self.plant.bank.tension_n[index]))
         self.chain = make_chain(self.plant.servos, self.plant.lock, self.plant.advance_to)
         self.bus_wire = FaultyWire(self.chain, seed)
         self.time_server = TimeServer(

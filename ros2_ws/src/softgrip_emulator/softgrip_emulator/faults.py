@@ -161,7 +161,7 @@ class FaultBoard:
     @property
     def known(self) -> tuple[str, ...]:
         """Names of all faults."""
-        return tuple(sorted([*BUS_FAULTS, *CAMERA_FAULTS, *self._cell.rig.faults]))
+        return tuple(sorted([*BUS_FAULTS, *CAMERA_FAULTS, *HANDS, *self._cell.rig.faults]))
 
     @property
     def active(self) -> tuple[str, ...]:
@@ -233,7 +233,7 @@ class FaultBoard:
         label = f"{fault}@{target}" if target else fault
         if fault in cell.rig.faults:
             return label, lambda: self._on_the_rig(fault, arguments)
-        cause = BUS_FAULTS.get(fault) or CAMERA_FAULTS.get(fault)
+        cause = BUS_FAULTS.get(fault) or CAMERA_FAULTS.get(fault) or HANDS.get(fault)
         if cause is None:
             raise EmulatorError(f"fault: expected one of {list(self.known)} or 'clear', found '{fault}'")
         if _concerns_a_drive(cause):
@@ -401,6 +401,12 @@ def _camera_overexposed(cell: FaultyDevices, gain: float = 3.0) -> Undo:
     return cell.overrides.set(cell.camera.faults, gain=float(gain))
 
 
+def _gauge_in_tendon(cell: FaultyDevices, slot: str) -> Undo:
+    index = cell.plant.index(slot)
+    cell.rig.hang_gauge(lambda: float(cell.plant.bank.tension_n[index]))
+    return lambda: cell.rig.hang_gauge(None)
+
+
 BUS_FAULTS: dict[str, Cause] = {
     "bytes_lost": _bytes_lost,
     "bytes_flipped": _bytes_flipped,
@@ -432,3 +438,6 @@ CAMERA_FAULTS: dict[str, Cause] = {
     "camera_overexposed": _camera_overexposed,
 }
 """Faults of the camera."""
+
+HANDS: dict[str, Cause] = {"gauge_in_tendon": _gauge_in_tendon}
+"""What a person does at the bench, through the same door; no plan draws it."""

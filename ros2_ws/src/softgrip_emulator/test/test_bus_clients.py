@@ -7,6 +7,7 @@ import dynamixel_sdk
 import pytest
 
 from softgrip_emulator.dynamixel.servo import REBOOT_SILENCE_S
+from softgrip_emulator.dynamixel.table import load_model
 
 pytest.importorskip("rustypot")
 import rustypot
@@ -47,6 +48,14 @@ def test_write_and_read_back_with_stuffing(sdk, position):
     assert packets.write4ByteTxRx(port, 1, GOAL_POSITION, position & 0xFFFFFFFF) == (OK, 0)
     value, result, error = packets.read4ByteTxRx(port, 1, GOAL_POSITION)
     assert (signed(value), result, error) == (position, OK, 0)
+
+
+def test_the_largest_velocity_limit_of_the_e_manual_is_taken(sdk):
+    """Item 44 of xl330-m288: 0 to 2047."""
+    port, packets = sdk
+    assert packets.write4ByteTxRx(port, 1, 44, 2047) == (OK, 0)
+    assert packets.read4ByteTxRx(port, 1, 44) == (2047, OK, 0)
+    assert packets.write4ByteTxRx(port, 1, 44, 2048) == (OK, 4)
 
 
 def test_errors_of_the_device_reach_the_client(sdk):
@@ -197,3 +206,28 @@ def test_rustypot_pings_reads_and_writes(bus, servos):
     client.sync_write_goal_position([1, 2, 3], [0.0, 0.5, -0.5])
     assert client.read_goal_position(3) == pytest.approx([-0.5], abs=0.002)
     assert servos[1].registers.get("goal_position") == pytest.approx(2048 + 0.5 * 4096 / (2 * math.pi), abs=1)
+
+
+#: model, firmware, registers where rustypot has them, and what it has beyond ROBOTIS' table of today
+RUSTYPOT_TABLES = [
+    ("XL330-M288", 53, 68, {"acceleration_limit"}),
+    ("XC330-T288", 53, 68, {"acceleration_limit"}),
+    ("XL430-W250", None, 63, {"current_limit", "goal_current"}),
+    ("XC430-W150", None, 63, {"current_limit", "goal_current"}),
+    ("XM430-W350", None, 65, set()),
+    ("XM540-W270", None, 65, set()),
+]
+
+
+@pytest.mark.parametrize(("name", "firmware", "same", "beyond"), RUSTYPOT_TABLES, ids=str)
+def test_rustypot_s_table_is_the_emulated_one(name, firmware, same, beyond):
+    """Model number, and every register's address and size; the block of indirect data, too."""
+    model = load_model(name) if firmware is None else load_model(name, firmware)
+    number, definition = rustypot.find_model(name)
+    sizes = {item.address: item.size for item in model.items}
+    for block in model.indirect:
+        sizes |= dict.fromkeys(range(block.data, block.data + block.count), 1)
+    found = [one for one in definition.registers() if sizes.get(one.addr) == one.size]
+    assert number == model.number
+    assert {one.name for one in definition.registers()} - {one.name for one in found} == beyond
+    assert len(found) == same

@@ -6,7 +6,7 @@ import pytest
 
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.rig import EmulatedRig, FrictionTruth, RigTruth
-from softgrip_emulator.rig.amplifier import FORMATS, EmulatedAmplifier
+from softgrip_emulator.rig.amplifier import FORMATS, WIRES, EmulatedAmplifier
 from softgrip_emulator.rig.grbl import EmulatedGrblStage
 from softgrip_emulator.rig.mark10_gauge import EmulatedMark10Gauge
 from softgrip_emulator.rig.mark10_stand import EmulatedMark10Stand
@@ -251,12 +251,14 @@ def test_amplifiers_stream_and_are_met_in_the_middle_of_a_line(name):
     amplifier = EmulatedAmplifier(LoadCell(rig, 50.0, 1), name)
     first = said(amplifier.opened(0.0))
     due = amplifier.due_s()
-    assert due == pytest.approx(1 / 80)
-    whole = said(amplifier.exchange(b"", due, BAUD))
+    baud, rate_hz = WIRES.get(name, (BAUD, 80.0))
+    assert due == pytest.approx(1 / rate_hz)
+    whole = said(amplifier.exchange(b"", due, baud))
     assert whole.endswith(b"\r\n")
     assert len(first) < len(whole) + 2
-    assert said(amplifier.exchange(b"", due, BAUD)) == b""
-    assert not said(amplifier.exchange(b"", 2 * due, 9600)).endswith(b"\n")
+    assert said(amplifier.exchange(b"", due, baud)) == b""
+    assert 10 * len(whole) / baud < 1 / rate_hz, "its wire carries so many lines"
+    assert not said(amplifier.exchange(b"", 2 * due, 19200)).endswith(b"\n")
 
 
 def test_the_cell_sticks_drifts_and_saturates():

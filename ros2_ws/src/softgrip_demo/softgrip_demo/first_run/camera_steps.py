@@ -112,7 +112,7 @@ class BenchCamera:
         if self.camera.calibration is None:
             raise FirstRunError(
                 "camera: expected a calibration in the cell file, found none; make one with "
-                "`ros2 run softgrip_vision calibrate_camera` (docs/bench.md, section 10)"
+                "`ros2 run softgrip_vision calibrate_camera` (docs/bench.md, section 7)"
             )
         return calibration.load(self.camera.calibration)
 

@@ -25,11 +25,15 @@ RAW_ENDS = (8388607.0, -8388608.0)
 #: [1/s] of a gauge whose documents name no other
 DEFAULT_BAUD = 115200
 _POUND = 4.4482216
-#: [N] of one of each unit, as lines name them; Imada's are single letters
-_UNITS = {"N": 1.0, "mN": 1e-3, "g": GRAVITY * 1e-3, "kg": GRAVITY, "lb": _POUND, "O": _POUND, "K": GRAVITY}
+#: [N] of one of each unit, as lines name them in any case; Imada's are single capitals
+_UNITS = {
+    "n": 1.0, "mn": 1e-3, "kn": 1e3, "g": GRAVITY * 1e-3, "gf": GRAVITY * 1e-3, "kg": GRAVITY, "kgf": GRAVITY,
+    "lb": _POUND, "lbs": _POUND, "lbf": _POUND, "oz": _POUND / 16.0, "ozf": _POUND / 16.0, "O": _POUND, "K": GRAVITY,
+}  # fmt: skip
 #: unit of a format whose every line names its own
 ANY_UNIT = "any"
 _NUMBER = r"[+-]?\s*\d+(?:\.\d+)?"
+_UNIT = r"(?i:[mk]?N|k?gf?|lb[fs]?|ozf?)"
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,10 @@ class LineFormat:
     end: bytes = b"\n"
     length: int = 0
     baud: int = DEFAULT_BAUD
+
+    def matches(self, line: bytes) -> bool:
+        """Whether a line is one of this format, be it a value or not."""
+        return re.fullmatch(self.pattern, line.decode("ascii", "replace").strip()) is not None
 
     def parse(self, line: bytes) -> float:
         """Return what a line shows: newtons, or counts where the format has no unit.
@@ -80,7 +88,8 @@ class LineFormat:
             return 1.0
         if self.unit != ANY_UNIT and unit not in (None, self.unit):
             raise UnitChangedError(f"gauge: expected '{self.unit}', found '{unit}'; set its unit back")
-        return _UNITS[self.unit if unit is None else unit]
+        named = self.unit if unit is None else unit
+        return _UNITS[named] if named in _UNITS else _UNITS[named.lower()]
 
     @staticmethod
     def _number(text: str | None, line: bytes) -> float:
@@ -94,11 +103,8 @@ class LineFormat:
         return value
 
 
-#: Formats by name; a pattern may be given instead. Sources: hx711*: examples of github.com/bogde/HX711 (be5e3d2) and
-#: olkal/HX711_ADC (7762bc4); pounds: sparkfun/HX711-Load-Cell-Amplifier (38228f8), firmware; raw: also HX711_plotter of
-#: RobTillaart/HX711 (fac13f0). sauter: FH-BA-e-2020 p. 13 and FL-BA-e-2020 p. 14; andilog: Centor Touch V6.10 p. 22;
-#: mt_sics: Mettler-Toledo 11780711, command SI; tecsis: EZE30 manual p. 22; imada: clients of the DST-44A and of
-#: sktometometo/imada_forcegauge (unit O, K, N; mode T, P; judgement L, O, H, E).
+#: Formats by name; a pattern may be given instead. Sources, and a documented line of each: test/test_gauge_lines.py;
+#: imada: clients of the DST-44A and of sktometometo/imada_forcegauge (unit O, K, N; mode T, P; judgement L, O, H, E).
 FORMATS = {
     "raw": LineFormat(rf"(?P<value>{_NUMBER})"),
     "time_raw": LineFormat(r"\d+,(?P<value>-?\d+)"),
@@ -108,9 +114,14 @@ FORMATS = {
     "hx711": LineFormat(r"HX711 reading:\s*(?P<value>-?\d+)", baud=57600),
     "hx711_full": LineFormat(rf"one reading:\s*(?P<value>{_NUMBER})\s*\|.*", baud=38400),
     "hx711_adc": LineFormat(rf"Load_cell output val:\s*(?P<value>{_NUMBER})", baud=57600),
-    "openscale": LineFormat(r"\d+,(?P<value>-?\d+(?:\.\d+)?),(?P<unit>kg|lb),.*", "kg"),
+    "openscale": LineFormat(rf"(?:\d+,)?(?P<value>{_NUMBER}),(?P<unit>{_UNIT})(?:,.*)?", ANY_UNIT, baud=9600),
     "scale": LineFormat(
-        r"(?P<status>OL),.*|(?:ST|US),(?:GS|NT),\s*(?P<value>[+-]?\s*\d+(?:\.\d+)?)\s*(?P<unit>kg|g)", "kg"
+        rf"(?:\d\d)?(?:(?P<status>OL|UL)\b.*|(?:ST|US),\s*(?:(?:GS|NT|G|N)\b\s*,?\s*)?(?P<value>{_NUMBER}),?\s*"
+        rf"(?P<unit>{_UNIT}))", ANY_UNIT, overload=("OL", "UL"), baud=9600,
+    ),
+    "value_unit": LineFormat(
+        rf"(?:(?:GROSS|NET|G|N)\s+)?(?P<value>{_NUMBER})\s*(?P<unit>{_UNIT})(?:\s*\?)?(?:\s+(?:G|NET))?", ANY_UNIT,
+        baud=9600,
     ),
     "sauter": LineFormat(r"(?P<sign>[01])(?P<value>[\d.]{6})", "N", request=b"9", length=7, baud=9600),
     "andilog": LineFormat(
@@ -119,6 +130,10 @@ FORMATS = {
     "mt_sics": LineFormat(
         rf"S (?P<status>[SDI+-])(?:\s+(?P<value>{_NUMBER})\s+(?P<unit>g|kg|lb|N|mN))?", ANY_UNIT,
         overload=("+", "-"), refused=("I",), request=b"SI\r\n", baud=9600,
+    ),
+    "radwag": LineFormat(
+        rf"(?:SI |SUI)(?:(?P<status>[?^vIEA])|\s)(?:\s+(?P<value>{_NUMBER}) (?P<unit>{_UNIT}))?", ANY_UNIT,
+        overload=("^", "v"), refused=("I", "E", "A"), request=b"SI\r\n", baud=9600,
     ),
     "imada": LineFormat(
         r"(?P<value>[+-]\d+\.?\d*)(?P<unit>[OKN])[TP](?P<status>[LOHE])", ANY_UNIT,

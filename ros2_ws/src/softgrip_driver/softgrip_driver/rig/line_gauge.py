@@ -3,6 +3,9 @@
 
 Opening the port resets most boards (DTR). They boot, print a banner and tare themselves before the first line that
 holds a value: 0.5 to 9 s. The newest whole line counts; what came before is thrown away.
+
+A board that does so later, because its supply sagged or somebody pressed its button, takes the force of that moment for
+nothing. So a banner, or a silence as long as the shortest boot, is an error of its own.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ import statistics
 from collections import deque
 from dataclasses import dataclass
 
-from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, NoReplyError
+from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, GaugeRestartedError, NoReplyError
 from softgrip_driver.rig.devices import DeviceIdentity
 from softgrip_driver.rig.line_format import LineFormat, formats_of
 from softgrip_driver.rig.line_port import LinePort
@@ -25,9 +28,12 @@ MAX_LINE_PERIOD_S = 2.0
 FOREIGN_LINES = 3
 #: Identical counts in a row that no real converter gives. A display in grams or newtons rounds them away.
 STUCK_AFTER = 40
+#: [s] of silence that may have been a boot, the shortest of the boards above
+MIN_BOOT_S = 0.5
 _TARE_READINGS = 8
 #: [s] of silence before a gauge is asked again while it boots
 _ASK_PERIOD_S = 0.5
+_MAY_HAVE_RESTARTED = "; its board may have begun anew, and tared itself under load"
 #: a line is late when it takes so many times what the first took
 _TIMEOUT_FACTOR = 2.5
 
@@ -48,6 +54,26 @@ class GaugeScale:
         return (counts - self.offset_counts) / self.counts_per_newton
 
 
+class Silence:
+    """How long somebody who kept asking heard nothing."""
+
+    def __init__(self) -> None:
+        self._began_s: float | None = None
+        self._asked_s = 0.0
+
+    def heard_nothing(self, began_s: float, now_s: float) -> None:
+        """Take a question of [s] that was not answered until now [s]."""
+        if self._began_s is None or began_s - self._asked_s > MIN_BOOT_S:
+            # Nobody asked meanwhile: whether it was silent is not known.
+            self._began_s = began_s
+        self._asked_s = now_s
+
+    def ended(self, began_s: float, now_s: float) -> float:
+        """Return for how long [s] it was silent before an answer now [s] to a question of [s]."""
+        silent_since, self._began_s = self._began_s, None
+        return 0.0 if silent_since is None or began_s - self._asked_s > MIN_BOOT_S else now_s - silent_since
+
+
 class LineGauge:
     """The gauge.
 
@@ -64,6 +90,7 @@ class LineGauge:
         self._zero = 0.0
         self._timeout = port.reply_time
         self._last: deque[float] = deque(maxlen=STUCK_AFTER)
+        self._silence = Silence()
 
     def open(self) -> DeviceIdentity:
         """Connect, wait until it has booted, and check that its lines can be read and come often enough.
@@ -74,6 +101,7 @@ class LineGauge:
         """
         self._port.open()
         self._last.clear()
+        self._silence = Silence()
         self._zero = 0.0
         self._await_first_value()
         began = self._port.clock.now_s()
@@ -98,8 +126,9 @@ class LineGauge:
 
         Raises:
             CorruptReplyError: also when raw counts have no noise, which no converter's do.
+            GaugeRestartedError: once, where it began anew since the last value.
         """
-        counts = self._line.parse(self._next_line(self._timeout))
+        counts = self._line.parse(self._heard_line())
         self._last.append(counts)
         if self._line.unit == "" and len(self._last) == STUCK_AFTER and len(set(self._last)) == 1:
             self._last.clear()
@@ -118,6 +147,22 @@ class LineGauge:
     def close(self) -> None:
         """Disconnect."""
         self._port.close()
+
+    def _heard_line(self) -> bytes:
+        """Return the next line, unless it or the silence before it says that the board began anew."""
+        clock, began = self._port.clock, self._port.clock.now_s()
+        try:
+            line = self._next_line(self._timeout)
+        except NoReplyError:
+            self._silence.heard_nothing(began, clock.now_s())
+            raise
+        # One line may be late without a boot.
+        lasted = self._silence.ended(began, clock.now_s())
+        if lasted >= max(MIN_BOOT_S, 2.0 * self._timeout):
+            raise GaugeRestartedError(f"gauge: expected a line, found none for {lasted:.1f} s{_MAY_HAVE_RESTARTED}")
+        if not self._line.request and _is_banner(line) and not self._line.matches(line):
+            raise GaugeRestartedError(f"gauge: expected a value, found {line[:60]!r}{_MAY_HAVE_RESTARTED}")
+        return line
 
     def _next_line(self, timeout: float) -> bytes:
         if not self._line.request:
@@ -163,3 +208,9 @@ class LineGauge:
         return CorruptReplyError(
             f"port {self._port.path}: expected a line like /{self._line.pattern}/, found {line[:60]!r}; {remedy}"
         )
+
+
+def _is_banner(line: bytes) -> bool:
+    """Whether a line is text, as a sketch's setup() prints it, and no noise or half a value."""
+    text = line.decode("ascii", "replace")
+    return text.isprintable() and "\ufffd" not in text and any(letter.isalpha() for letter in text)

@@ -15,6 +15,7 @@ from softgrip_driver.errors import (
     CorruptReplyError,
     DeviceRefusedError,
     DriverError,
+    GaugeRestartedError,
     NoReplyError,
     NotReadyError,
     PortLostError,
@@ -68,6 +69,8 @@ class StageBackend:
         self._pull = 0.0
         self._gauge_misses = 0
         self._gauge_fault = ("", "")
+        #: what it said when it began anew; told with the next reading, whether the tendon is held or not
+        self._restarted = ""
         self._same_since = 0.0
         #: name in the fault table, and what the device said; told with the next reading
         self._fault = ("", "")
@@ -150,6 +153,9 @@ class StageBackend:
             position, fault, detail = self._before[1], "stage_alarm", str(error)
         self._fault = ("", "")
         self._read_gauge(position)
+        if self._restarted and not fault:
+            fault, detail = "gauge_restarted", self._restarted
+            self._restarted = ""
         if self._gauge_misses > self.GAUGE_MISSES and self._powered and not fault:
             fault, detail = self._gauge_fault
             self._halt()
@@ -217,7 +223,7 @@ class StageBackend:
     def _forget(self) -> None:
         """Take nothing of the session before for true: neither its zero nor its power."""
         self._mark, self._powered, self._target, self._before = 0, False, None, None
-        self._gauge_misses, self._fault = 0, ("", "")
+        self._gauge_misses, self._fault, self._restarted = 0, ("", ""), ""
 
     # --- helpers ---------------------------------------------------------------------------------------------------
 
@@ -239,6 +245,8 @@ class StageBackend:
         except SaturatedError as error:
             # More than it can tell is more than any limit.
             self._gauge_misses, self._gauge_fault = self.GAUGE_MISSES + 1, ("tension_exceeded", str(error))
+        except GaugeRestartedError as error:
+            self._gauge_misses, self._restarted = self._gauge_misses + 1, str(error)
         except (NoReplyError, CorruptReplyError, DeviceRefusedError, UnitChangedError) as error:
             self._gauge_misses, self._gauge_fault = self._gauge_misses + 1, ("gauge_lost", str(error))
 

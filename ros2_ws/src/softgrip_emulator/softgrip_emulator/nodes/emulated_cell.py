@@ -20,6 +20,7 @@ from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import read_plan
 from softgrip_emulator.nodes import convert
 from softgrip_emulator.plant.cell import ServoPlace, Supply
+from softgrip_emulator.rig.emulated import LINE_GAUGES
 from softgrip_emulator.servos import available_models, load_ratings
 from softgrip_emulator.wire.folder import default_wire_folder
 from softgrip_interfaces.msg import EmulatorTruth
@@ -97,6 +98,10 @@ PARAMETERS = ParameterTable(
     Parameter("camera_port", 0, "TCP port of the stream on 127.0.0.1, 0 = a free one (see camera.url)", "", 0, 65535),
     Parameter("jpeg_quality", 88, "of the stream", "%", 10, 100),
     Parameter("camera_realtime_priority", 0, "of the camera's process; 0 = as any other", "", 0, 99),
+    Parameter("rig_stage", "mark10", "stage of the friction rig", choices=("mark10", "grbl", "grblhal")),
+    Parameter(
+        "rig_gauge", "gcl2", "its force gauge: gcl2, or one that speaks in lines", choices=("gcl2", *LINE_GAUGES)
+    ),
     Parameter(
         "gauge_on", "", "slot whose tendon the force gauge hangs in, to calibrate its servo; empty = the rig's cable"
     ),
@@ -251,6 +256,8 @@ def _open_cell(values: dict[str, Any], on_tick: Callable[[], None]) -> EmulatedC
             values["camera_realtime_priority"],
         ),
         gauge_on=values["gauge_on"],
+        stage=values["rig_stage"],
+        gauge=values["rig_gauge"],
     )
     cell.plant.mount(values["fingers"], values["mounted_serials"], values["mounted_profiles"])
     if values["factory_fresh"]:

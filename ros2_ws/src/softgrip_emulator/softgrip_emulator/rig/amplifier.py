@@ -38,21 +38,26 @@ FORMATS: dict[str, Callable[[float, float], str]] = {
 }
 
 
+#: Baud [1/s] and lines a second of those that are no sketch of one's own. OpenScale: sparkfun/OpenScale 061045a and
+#: its hookup guide (a line every few hundred milliseconds); scales: KERN's come with 9600 baud; their rate is assumed.
+WIRES: dict[str, tuple[int, float]] = {"openscale": (9600, 5.0), "scale": (9600, 10.0)}
+#: of the others: assumption; an HX711 gives 10 or 80
+_WIRE: Final = (115200, 80.0)
+
+
 class EmulatedAmplifier:
     """The amplifier (a `WireDevice`).
 
     Args:
         cell: its load cell.
         line: one of `FORMATS`.
-        rate_hz: lines a second; HX711 gives 10 or 80.
-        baud: its speed.
     """
 
-    def __init__(self, cell: LoadCell, line: str = "grams", rate_hz: float = 80.0, baud: int = 115200) -> None:
+    def __init__(self, cell: LoadCell, line: str = "grams") -> None:
         self._cell = cell
         self._line = FORMATS[line]
+        self._baud, rate_hz = WIRES.get(line, _WIRE)
         self._period_s = 1.0 / rate_hz
-        self._baud = baud
         self._next_s: float | None = None
         #: Nothing comes any more. reply_cut: every line loses its second half, end included.
         self.silent = False

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Self
 
 from softgrip_emulator.clock import RealTimeClock, ScaledCellClock
 from softgrip_emulator.errors import EmulatorError
-from softgrip_emulator.rig.amplifier import EmulatedAmplifier
+from softgrip_emulator.rig.amplifier import FORMATS, EmulatedAmplifier
 from softgrip_emulator.rig.grbl import EmulatedGrblStage
 from softgrip_emulator.rig.mark10_gauge import EmulatedMark10Gauge
 from softgrip_emulator.rig.mark10_stand import EmulatedMark10Stand
 from softgrip_emulator.rig.plant import RigPlant
 from softgrip_emulator.rig.polled import PROTOCOLS, EmulatedPolledGauge
-from softgrip_emulator.rig.sensor import LoadCell
+from softgrip_emulator.rig.sensor import LoadCell, OtherLine
 from softgrip_emulator.rig.sketches import SKETCHES, EmulatedBoard
 from softgrip_emulator.rig.truth import RigTruth
 from softgrip_emulator.wire.pty import PtyPort
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from softgrip_emulator.clock import CellClock
     from softgrip_emulator.wire.device import Port, WireDevice
 
+#: gauges beside the Mark-10: formats of an amplifier, boards with a sketch, gauges that are asked
+LINE_GAUGES = (*FORMATS, *SKETCHES, *PROTOCOLS)
 #: [N] of the emulated gauge (Mark-10 M5-10).
 GAUGE_CAPACITY = 50.0
 
@@ -113,6 +115,10 @@ class EmulatedRig:
             angle = angle_rad + self._misplaced.get("wrong_angle", 0.0)
             self.plant.set(angle, load_kg * self._misplaced.get("wrong_weight", 1.0))
 
+    def hang_gauge(self, look: Callable[[], float] | None) -> None:
+        """Hang the gauge into another line, of which ``look`` gives the force [N]; None: back into the rig's cable."""
+        self.cell.hang(self.plant if look is None else OtherLine(self.truth, look))
+
     # -- what goes wrong -------------------------------------------------------------------------------------------
 
     @property
@@ -131,7 +137,8 @@ class EmulatedRig:
         Args:
             fault: one of `faults`.
             arguments: of the fault: ``angle`` [rad] of wrong_angle, ``rate`` [N/s] of drift, ``unit`` of unit_switched,
-                ``factor`` of wrong_weight, ``port`` ("stand" or "gauge") of unplugged, ``capacity`` [N] of saturated.
+                ``factor`` of wrong_weight, ``port`` ("stand" or "gauge") of unplugged, ``capacity`` [N] of saturated,
+                ``boot`` [s] of board_reset.
 
         Raises:
             EmulatorError: no such fault, or arguments it does not take.
@@ -185,7 +192,8 @@ class EmulatedRig:
     def _gauge_faults(self) -> dict[str, Callable[..., Callable[[], None]]]:
         gauge = self.gauge
         if not isinstance(gauge, EmulatedMark10Gauge):
-            return {"contaminated_stream": lambda: _flag(gauge, "noisy")}
+            noisy: dict[str, Callable[..., Callable[[], None]]] = {"contaminated_stream": lambda: _flag(gauge, "noisy")}
+            return noisy | ({"board_reset": self._board_reset} if isinstance(gauge, EmulatedBoard) else {})
 
         def unit_switched(unit: str = "LB") -> Callable[[], None]:
             gauge.panel_unit(unit)
@@ -231,6 +239,12 @@ class EmulatedRig:
             raise EmulatorError(f"rig fault 'unplugged': expected a port of {', '.join(self._ports)}, found '{port}'")
         self._ports[port].unplug()
         return self._ports[port].plug
+
+    def _board_reset(self, boot: float = 1.6) -> Callable[[], None]:
+        if isinstance(self.gauge, EmulatedBoard):
+            self.gauge.reset(self.clock.now_s(), float(boot))
+        # It comes back by itself.
+        return lambda: None
 
     def _misplace(self, what: str, value: float) -> Callable[[], None]:
         self._misplaced[what] = value

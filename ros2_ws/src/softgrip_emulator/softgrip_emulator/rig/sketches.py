@@ -40,6 +40,7 @@ class Sketch:
         settle: conversions and delay [s] between the last of these and loop().
         show: force [N] (tare taken out) and raw counts to what loop() prints.
         conversions, delay_s: of one turn of loop().
+        tares: setup() takes the force that it meets for nothing.
     """
 
     source: str
@@ -49,6 +50,7 @@ class Sketch:
     show: Callable[[float, int], str]
     conversions: int
     delay_s: float
+    tares: bool = False
 
 
 _BOGDE = "bogde/HX711 be5e3d2 examples/"
@@ -75,6 +77,10 @@ SKETCHES: Final[dict[str, Sketch]] = {
     "bogde_basic": Sketch(
         _BOGDE + "HX711_basic_example", 57600, (), (0, 0.0), lambda _, raw: f"HX711 reading: {raw}", 1, 1.0
     ),
+    "bogde_no_delay": Sketch(
+        _BOGDE + "HX711_basic_example, delay(1000) taken out", 57600, (), (0, 0.0),
+        lambda _, raw: f"HX711 reading: {raw}", 1, 0.0,
+    ),
     "bogde_retry": Sketch(
         _BOGDE + "HX711_retry_example", 57600, (), (0, 0.0), lambda _, raw: f"HX711 reading: {raw}", 1, 1.5
     ),
@@ -83,25 +89,25 @@ SKETCHES: Final[dict[str, Sketch]] = {
     ),
     "bogde_full": Sketch(
         _BOGDE + "HX711_full_example", 38400, _bogde_setup(), (0, 0.0),
-        lambda force, _: f"one reading:\t{_grams(force):.1f}\t| average:\t{_grams(force):.1f}", 11, 5.0,
+        lambda force, _: f"one reading:\t{_grams(force):.1f}\t| average:\t{_grams(force):.1f}", 11, 5.0, tares=True,
     ),
     "olkal_read": Sketch(
         _OLKAL + "Read_1x_load_cell", 57600,
         (("", 0, 0.01), ("Starting...", 0, 0.0), ("Startup is complete", _OLKAL_TARE, 2.0)), (0, 0.0),
-        lambda force, _: f"Load_cell output val: {_grams(force):.2f}", 1, 0.0,
+        lambda force, _: f"Load_cell output val: {_grams(force):.2f}", 1, 0.0, tares=True,
     ),
     "olkal_zero": Sketch(
         _OLKAL + "Persistent_zero_offset", 57600,
         (("", 0, 0.01), ("Starting...", 0, 0.0), ("Startup is complete", 0, 2.0)), (0, 0.0),
-        lambda force, _: f"Load_cell output val: {_grams(force):.2f}", 1, 0.0,
+        lambda force, _: f"Load_cell output val: {_grams(force):.2f}", 1, 0.25,
     ),
     "tillaart_plotter": Sketch(
         "RobTillaart/HX711 fac13f0 examples/HX711_plotter", 115200, (), (10, 0.0),
-        lambda force, _: f"{_grams(force):.2f}", 5, 0.25,
+        lambda force, _: f"{_grams(force):.2f}", 5, 0.25, tares=True,
     ),
     "sparkfun": Sketch(
         _SPARKFUN + "SparkFun_HX711_Example", 9600, (("HX711 scale demo", 0, 0.0), ("Readings:", 10, 0.0)), (0, 0.0),
-        lambda force, _: f"Reading: {force / _POUND_N:.1f} lbs", 1, 0.0,
+        lambda force, _: f"Reading: {force / _POUND_N:.1f} lbs", 1, 0.0, tares=True,
     ),
     "sparkfun_zero": Sketch(
         _SPARKFUN + "SparkFun_HX711_KnownZeroStartup", 9600,
@@ -117,6 +123,7 @@ SKETCHES: Final[dict[str, Sketch]] = {
             ("Press - or z to decrease calibration factor", 0, 0.0), (f"Zero factor: {OFFSET_COUNTS:.0f}", 20, 0.0),
         ),
         (0, 0.0), lambda force, _: f"Reading: {force / _POUND_N:.1f} lbs calibration_factor: -7050.00", 1, 0.0,
+        tares=True,
     ),
 }  # fmt: skip
 
@@ -138,6 +145,7 @@ class EmulatedBoard:
         self._boot_s = boot_s
         self._said: deque[tuple[float, str]] = deque()
         self._next_s: float | None = None
+        self._tare: float | None = None
         #: Nothing comes any more. noisy: noise among the lines. reply_cut: lines lose their second half.
         self.silent = False
         self.noisy = False
@@ -146,16 +154,21 @@ class EmulatedBoard:
 
     def opened(self, now_s: float) -> Sequence[Chunk]:
         """DTR resets it."""
+        self.reset(now_s, self._boot_s)
+        return []
+
+    def reset(self, now_s: float, boot_s: float) -> None:
+        """Begin anew, as with DTR, the button, or a supply that sagged: silent for a time [s], then setup()."""
         self.resets += 1
         self._said.clear()
-        due = now_s + self._boot_s
+        self._tare = None
+        due = now_s + boot_s
         for text, conversions, delay_s in self._sketch.setup:
             due += conversions / self._rate_hz + delay_s
             self._said.append((due, text))
             due += self._wire_s(text)
         conversions, delay_s = self._sketch.settle
         self._next_s = due + conversions / self._rate_hz + delay_s + self._sketch.conversions / self._rate_hz
-        return []
 
     def due_s(self) -> float | None:
         """When the next line goes out [s]."""
@@ -176,7 +189,10 @@ class EmulatedBoard:
     def _shown(self, now_s: float) -> str:
         force = self._cell.read(now_s)
         raw = _HIGHEST_CODE if math.isinf(force) else round(force * COUNTS_PER_NEWTON + OFFSET_COUNTS)
-        text = self._sketch.show(force, raw)
+        if self._tare is None:
+            # The last thing before loop() that takes a force: between the two nothing can be seen of it.
+            self._tare = force if self._sketch.tares and math.isfinite(force) else 0.0
+        text = self._sketch.show(force - self._tare, raw)
         period_s = max(self._sketch.conversions / self._rate_hz + self._sketch.delay_s, self._wire_s(text))
         self._next_s = max((self._next_s or now_s) + period_s, now_s)
         return text
