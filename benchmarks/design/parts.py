@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts against their profile: STEP read back by gmsh, STL by manifold3d, and the time that a hand takes.
+"""Parts against their profile: STEP read back by gmsh, STL by manifold3d, 3MF sliced by PrusaSlicer; time.
 
-Every finger of the shipped sets, and random ones within the bounds of section 4.2.3. gmsh may be installed anywhere:
-SOFTGRIP_GMSH_PYTHON names a Python that has it (default: this one, else the system's).
+Every finger of the shipped sets, those of Fig 4.1 in a palm with five slots, and random ones within the bounds of
+section 4.2.3. gmsh may be installed anywhere: SOFTGRIP_GMSH_PYTHON names a Python that has it (default: this one, else
+the system's; Debian: apt-get install python3-gmsh prusa-slicer). What is not installed is said, and left out.
 """
 
 from __future__ import annotations
@@ -25,18 +26,23 @@ from typing import Any
 import manifold3d
 import meshio
 import numpy as np
+from _slicer import has_slicer, slice_part
 
-from softgrip_description.hand import shipped_hand
+from softgrip_description.hand import Hand, load_hand, shipped_hand
+from softgrip_design.hand import FINGERS, blank, profile
 from softgrip_design.parts.files import write_part
 from softgrip_design.parts.finger_form import finger_form
 from softgrip_design.parts.forms import PartError
 from softgrip_design.parts.kit import whole_kit
-from softgrip_design.parts.palm import palm_seat
+from softgrip_design.parts.palm import palm_forms, palm_seat
 from softgrip_design.parts.solid import make_solid
-from softgrip_model.profile import FingerDesign, load_directory, shipped_directory
+from softgrip_model.profile import FingerDesign, Profile, load_directory, shipped_directory
 from softgrip_testing.benchmark_claim import claim
 
 HAND = shipped_hand()
+FIVE = load_hand(Path(__file__).with_name("five_fingers.yaml"))
+#: [deg] of the little finger's grooves: with 90 its middle link of 20 mm has no room between two of them
+LITTLE_OPENING_DEG = 75.0
 READER = Path(__file__).with_name("_step_reader.py")
 GOAL_UM = 10.0
 SEED = 1
@@ -58,6 +64,17 @@ def random_designs(count: int) -> Iterator[FingerDesign]:
         )
         yield design
         count -= 1
+
+
+def five_fingers() -> Profile:
+    """Return the fingers of Fig 4.1, thickness and routing in the middle of their bounds."""
+    made = profile("five_fingers", "Fig 4.1", "section 4.2", "braid-tpu", {name: blank(name) for name in FINGERS})
+    opening = math.radians(LITTLE_OPENING_DEG)
+    fingers = tuple(
+        (name, dataclasses.replace(one, openings_rad=(opening,) * one.joints) if name == "little" else one)
+        for name, one in made.fingers
+    )
+    return dataclasses.replace(made, fingers=fingers)
 
 
 def gmsh_python() -> str:
@@ -165,46 +182,82 @@ def dimension_errors_um(python: str, designs: dict[Path, FingerDesign]) -> list[
     return [max(errors_um(design, found)) for design, found in zip(designs.values(), measured, strict=True)]
 
 
+@dataclasses.dataclass
+class Made:
+    """Fingers that were made: designs by their STEP files, seconds each, and how many were refused by name."""
+
+    designs: dict[Path, FingerDesign] = dataclasses.field(default_factory=dict)
+    seconds: list[float] = dataclasses.field(default_factory=list)
+    refused: int = 0
+
+    def make(self, design: FingerDesign, slot: str, hand: Hand, folder: Path) -> None:
+        """Make a finger and write its files into a folder."""
+        folder.mkdir()
+        try:
+            finger = finger_form(design, 0.125, slot, palm_seat(hand, slot), "")
+        except PartError:
+            self.refused += 1
+            return
+        started = time.perf_counter()
+        write_part(make_solid(finger.form, finger.channels), folder)
+        self.seconds.append(time.perf_counter() - started)
+        self.designs[folder / f"finger_{slot}.step"] = design
+
+
+def make_fingers(folder: Path, count: int) -> Made:
+    """Make the fingers of the published sets, of the five-finger hand, and random ones."""
+    made, five = Made(), five_fingers()
+    for name, one in load_directory(shipped_directory()).items():
+        for slot in one.slots:
+            made.make(one.finger(slot), slot, HAND, folder / f"{name}_{slot}")
+    for slot in five.slots:
+        made.make(five.finger(slot), slot, FIVE, folder / f"five_{slot}")
+    for number, design in enumerate(random_designs(count)):
+        made.make(design, "index", HAND, folder / f"random{number}")
+    return made
+
+
 def measure(folder: Path, count: int, python: str) -> None:
     """Make the fingers and a hand, measure their files, print the claims."""
-    designs = {
-        (name, slot): profile.finger(slot)
-        for name, profile in load_directory(shipped_directory()).items()
-        for slot in profile.slots
-    }
-    designs |= {(f"random{i}", "index"): design for i, design in enumerate(random_designs(count))}
-    paths, refused, seconds = {}, 0, []
-    for (name, slot), design in designs.items():
-        into = folder / f"{name}_{slot}"
-        into.mkdir()
-        try:
-            finger = finger_form(design, 0.125, slot, palm_seat(HAND, slot), "")
-        except PartError:
-            refused += 1
-            continue
-        started = time.perf_counter()
-        write_part(make_solid(finger.form, finger.channels), into)
-        seconds.append(time.perf_counter() - started)
-        paths[name, slot] = into / f"finger_{slot}.step"
-    made = f"{len(paths)} fingers ({len(paths) - 9} random, {refused} refused by name)"
+    made = make_fingers(folder, count)
+    fingers = f"{len(made.designs)} fingers (9 published, 5 of Fig 4.1, {count} random; {made.refused} refused by name)"
     if python:
-        errors = dimension_errors_um(python, {paths[key]: designs[key] for key in paths})
-        claim("dimension error", max(errors), "um", better="lower", goal=GOAL_UM, runs=len(paths),
-              note=f"largest of every h, l, r, opening, link, width, height; STEP read by gmsh; {made}; median "
+        errors = dimension_errors_um(python, made.designs)
+        claim("dimension error", max(errors), "um", better="lower", goal=GOAL_UM, runs=len(errors),
+              note=f"largest of every h, l, r, opening, link, width, height; STEP read by gmsh; {fingers}; median "
               f"{statistics.median(errors):.2g} um")  # fmt: skip
     started = time.perf_counter()
-    solids = [make_solid(form) for form in whole_kit(load_directory(shipped_directory())["power"], HAND, 10.0).others]
-    for solid in solids:
-        write_part(solid, folder)
-    hand_s = time.perf_counter() - started + 3.0 * statistics.median(seconds)
-    stls = [path.with_suffix(".stl") for path in paths.values()] + [folder / f"{s.form.name}.stl" for s in solids]
+    kit = whole_kit(load_directory(shipped_directory())["power"], HAND, 10.0).others
+    paths = [path for form in kit for path in write_part(make_solid(form), folder)]
+    hand_s = time.perf_counter() - started + 3.0 * statistics.median(made.seconds)
+    (folder / "five").mkdir()
+    paths += [path for form in palm_forms(FIVE) for path in write_part(make_solid(form), folder / "five")]
+    stls = [*(path.with_suffix(".stl") for path in made.designs), *(path for path in paths if path.suffix == ".stl")]
+    parts = f"{fingers}, the {len(kit)} other parts of a hand and its bench, palm and plate for five"
     leaks = sum(not is_watertight(path) for path in stls)
-    others = f"{made} and the {len(solids)} other parts of a hand and its bench"
     claim("not watertight", float(leaks), "parts", better="lower", goal=0.0, runs=len(stls),
-          note=f"STL read back, manifold3d; {others}")  # fmt: skip
-    each = f"a finger {statistics.median(seconds):.1f} s"
+          note=f"STL read back, manifold3d; {parts}")  # fmt: skip
+    each = f"a finger {statistics.median(made.seconds):.1f} s"
     claim("hand time", hand_s, "s", better="lower", goal=None, runs=1,
           note=f"all parts of hand and bench to STEP, STL, 3MF; {each}")  # fmt: skip
+    slice_all(stls, folder, parts)
+
+
+def slice_all(stls: Sequence[Path], folder: Path, parts: str) -> None:
+    """Slice the 3MF files beside some STL files, print the claim."""
+    if not has_slicer():
+        print("PrusaSlicer not found: apt-get install prusa-slicer; nothing was sliced", file=sys.stderr)
+        return
+    found = {path: slice_part(path.with_suffix(".3mf"), folder) for path in stls}
+    for path, one in found.items():
+        if not one.is_sound:
+            print(f"{path.name}: manifold {one.is_manifold}, {one.repairs}, {one.grams} g", file=sys.stderr)
+    power = [path for path in stls if path.parent.name.startswith("power_") or path == folder / "palm.stl"]
+    hours = sum(found[path].minutes for path in power) / 60.0
+    unsound = sum(not one.is_sound for one in found.values())
+    claim("not sliced as they are", float(unsound), "parts", better="lower", goal=0.0, runs=len(found),
+          note=f"PrusaSlicer, settings of the 3MF, repairs nothing; {parts}; three power fingers and the palm print in "
+          f"{hours:.1f} h")  # fmt: skip
 
 
 if __name__ == "__main__":

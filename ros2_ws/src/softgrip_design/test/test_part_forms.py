@@ -6,13 +6,14 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softgrip_description.hand import shipped_hand
+from softgrip_description.hand import load_hand, shipped_hand
 from softgrip_design.parts import bench, drives, foot, forms
 from softgrip_design.parts.bill import SHEATH_M, bill_text, bought_rows, cable_m, printed_rows
 from softgrip_design.parts.finger_form import FingerForm, finger_form, strip_depth_mm
@@ -190,6 +191,15 @@ def test_a_hand_without_room_for_feet_or_with_flat_fingers_is_refused() -> None:
         palm_seat(dataclasses.replace(HAND, slots={"index": flat}), "index")
     with pytest.raises(PartError, match="expected one of index"):
         palm_seat(HAND, "ring")
+
+
+def test_a_cross_pin_that_meets_another_foot_is_refused() -> None:
+    five = load_hand(Path(__file__).parents[4] / "benchmarks/design/five_fingers.yaml")
+    assert len(palm_forms(five)[0].pockets) == 2 * 5 + 1
+    index, middle = five.slots["index"], five.slots["middle"]
+    abreast = dataclasses.replace(middle, position_m=(index.position_m[0], *middle.position_m[1:]))
+    with pytest.raises(PartError, match=r"slot middle: .* found the foot of 'index' in its way"):
+        palm_forms(dataclasses.replace(five, slots=dict(five.slots) | {"middle": abreast}))
 
 
 @pytest.mark.parametrize("face", drives.FACES, ids=lambda face: face.name)

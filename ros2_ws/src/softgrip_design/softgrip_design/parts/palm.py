@@ -73,6 +73,7 @@ def palm_forms(hand: Hand) -> tuple[Form, Form]:
     length, width, thickness = (1e3 * size for size in hand.palm_size_m)
     skirt_mm = 1e3 * hand.flange_position_m[2] - thickness - PLATE_MM
     seats = {name: palm_seat(hand, name) for name in hand.slots}
+    _check_pins(hand, seats)
     below_mm = max(_depth_mm(hand.slots[name], one) for name, one in seats.items()) - thickness
     if skirt_mm < below_mm:
         raise PartError(
@@ -153,10 +154,35 @@ def _slot(slot: HandSlot, seat: foot.Seat) -> tuple[Prism, Prism]:
     return notch, mortise
 
 
+def _check_pins(hand: Hand, seats: dict[str, foot.Seat]) -> None:
+    """Raise PartError where a cross pin on its way to the palm's side meets the foot of another slot."""
+    reach = foot.PIN_RADIUS_MM + CLEARANCE_MM
+    for name, seat in seats.items():
+        pose = finger_pose(hand.slots[name])
+        outwards = _outwards(pose) * pose.z_axis[1]
+        start = pose.matrix @ np.array([seat.pin_mm, foot.PIN_Y_MM, 0.0, 1.0])
+        for other, beside in seats.items():
+            place = finger_pose(hand.slots[other])
+            if (place.origin[1] - pose.origin[1]) * outwards <= 0.0:
+                continue
+            x, y = (np.linalg.inv(place.matrix) @ start)[:2]
+            along = beside.end_mm - reach < x < beside.shoulder_mm + reach
+            if along and foot.Y_MM[0] - reach < y < foot.Y_MM[1] + reach:
+                raise PartError(
+                    f"slot {name}: expected a cross pin that reaches the palm's side, found the foot of '{other}' in "
+                    "its way; move one of them along x"
+                )
+
+
+def _outwards(pose: PartPose) -> float:
+    """Return from which of its sides (1: its local z) a pin comes: the palm's nearer one."""
+    return 1.0 if pose.origin[1] * pose.z_axis[1] >= 0.0 else -1.0
+
+
 def _pin(slot: HandSlot, seat: foot.Seat, half_palm_mm: float) -> tuple[Bore, Bore]:
     """Return the hole of the cross pin from the palm's nearer side to the mortise, and its thread beyond it."""
     pose = finger_pose(slot)
-    outwards = 1.0 if pose.origin[1] * pose.z_axis[1] >= 0.0 else -1.0
+    outwards = _outwards(pose)
     mortise = foot.HALF_WIDTH_MM + CLEARANCE_MM
     side = half_palm_mm - abs(pose.origin[1])
 
