@@ -2,8 +2,8 @@
 """Parts against their profile: STEP read back by gmsh, STL by manifold3d, 3MF sliced by PrusaSlicer; time.
 
 Every finger of the shipped sets, those of Fig 4.1 in a palm with five slots, and random ones within the bounds of
-section 4.2.3. gmsh may be installed anywhere: SOFTGRIP_GMSH_PYTHON names a Python that has it (default: this one or the
-system's; Debian: apt-get install python3-gmsh prusa-slicer). What is not installed is said, and left out.
+section 4.2.3. gmsh may be installed anywhere: SOFTGRIP_GMSH_PYTHON names a Python that has it (default: this one, else
+the system's; Debian: apt-get install python3-gmsh prusa-slicer). What is not installed is said, and left out.
 """
 
 from __future__ import annotations

@@ -61,6 +61,7 @@ def render() -> str:
     strip = load(shipped_directory() / "power.yaml").finger("index")
     return Template(Path(__file__).with_name("parts.md.in").read_text(encoding="utf-8")).substitute(
         faces=", ".join(model for face in drives.FACES for model in face.models),
+        without="; ".join(f"{model}: {reason}" for model, reason in drives.WITHOUT_PLATE.items()),
         angles=f"{bench.WRAP_ANGLES_DEG[0]} to {bench.WRAP_ANGLES_DEG[-1]}",
         assumed="\n".join(f"| {' | '.join(row)} |" for row in assumed_rows()),
         weakened=f"{100.0 * printing.LAYER_MM / (1e3 * strip.width_m):.1f}",

@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 import json
+import re
+import shutil
+import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -292,3 +295,16 @@ def test_a_poor_calibration_is_named(bus: Bus) -> None:
     bench = replace(bus.bench, cell=replace(bus.cell, servos=replace(bus.cell.servos, chain=(row,))))
     (figure,) = wrong(TensionStep(bench))
     assert "calibrate_tension" in figure.remedy
+
+
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium here (make panel-setup)")
+def test_the_signed_page_prints_to_pdf(tmp_path: Path, cell_file: Path) -> None:
+    record = run([Step(f"step {number}", (GOOD,) * 9) for number in range(15)], tmp_path, [])
+    page, pdf = tmp_path / "page.html", tmp_path / "page.pdf"
+    page.write_text(render(sign(record, "Ada")), encoding="utf-8")
+    options = ("--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer", f"--print-to-pdf={pdf}")
+    subprocess.run(["chromium", *options, page.as_uri()], capture_output=True, check=True, timeout=60)
+    printed = pdf.read_bytes()
+    assert printed.startswith(b"%PDF")
+    # two or three whole sections to a page, which none of them is broken across
+    assert 5 <= len(re.findall(rb"/Type\s*/Page\b", printed)) <= 8

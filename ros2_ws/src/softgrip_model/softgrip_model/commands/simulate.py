@@ -353,7 +353,7 @@ def _finger_result(
         ("time of a shape", f"median {1e3 * float(np.median([s.solve_time for s in reached])):.1f} ms"),
     ]
     for state in states[max(0, len(states) // 5 - 1) :: max(1, len(states) // 5)]:
-        others = {"pseudo-rigid": (state["pseudo_rigid_tip_m"], state["pseudo_rigid_tension_n"])}
+        others = {"predictor": (state["pseudo_rigid_tip_m"], state["pseudo_rigid_tension_n"])}
         if own:
             others = {"profile's mesh": (state["own_mesh_tip_m"], state["own_mesh_tension_n"])} | others
         ours = f"tip {_place(state['tip_m'], state['tension_n'][0])}"
