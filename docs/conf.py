@@ -65,6 +65,8 @@ napoleon_use_ivar = True
 # a package's face and its module both show a class that both name
 suppress_warnings = ["ref.python"]
 
+smartquotes = False  # -- and quotation marks of commands stay what has to be typed
+
 html_theme = "furo"
 html_title = "softgrip"
 html_static_path = ["site"]

@@ -36,14 +36,14 @@ PLACES = {
 }
 #: Where along an edge its topics stand, where the middle is taken.
 SHARES = {
-    ("friction_rig", "grasp_mix_manager"): 0.62,
+    ("friction_rig", "grasp_mix_manager"): 0.45,
     ("friction_rig", "kinematics_predictor"): 0.3,
     ("tendon_driver", "gdfe_simulator"): 0.7,
     ("tendon_driver", "hand_description"): 0.72,
     ("tendon_driver", "grasp_mix_manager"): 0.72,
     ("tendon_driver", "kinematics_predictor"): 0.45,
     ("marker_tracker", "hand_description"): 0.25,
-    ("marker_tracker", "kinematics_predictor"): 0.72,
+    ("marker_tracker", "kinematics_predictor"): 0.78,
 }
 #: What nearly everybody hears would hide the rest; the caption names it.
 LEFT_OUT = {"cell/state", "safety/state", "tendon/owners", "tendon/heartbeat", "camera/image_raw"}

@@ -37,6 +37,7 @@ OTHERS = {
     "echo": "the shell's",
     "export": "the shell's",
     "git": "the system's",
+    "kill": "the shell's",
     "openssl": "the system's",
     "pip": "Python's",
     "python": "modules and scripts are looked for",
@@ -44,6 +45,7 @@ OTHERS = {
     "rosdep": "ROS 2's, not here",
     "source": "the shell's",
     "tee": "the system's",
+    "wait": "the shell's",
 }
 #: Package that is not in this workspace -> whose it is.
 OTHER_PACKAGES = {
