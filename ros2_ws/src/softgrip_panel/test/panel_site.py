@@ -62,6 +62,10 @@ SLOTS = ("index", "middle", "thumb")
 HOSTILE = "<img src=x onerror=window.hacked=1>"
 
 
+#: As long as a real one.
+REASON = (
+    "both sides press: contact tension [N] index -3.6 (contact from 1.4), middle -3.3 (contact from 1.5), thumb +3.3"
+)
 #: What the verdict of every grasp knows.
 JUDGED = (FingerDecision("index", "BLOCKED", 3.1, 0.9), FingerDecision("thumb", "FREE", 0.1, 0.9))
 
@@ -105,7 +109,7 @@ class PretendedCell:
         cell = self.state.cell
         self.state.observe_cell(replace(cell, mode="GRASPING", product=product))
         self.state.grasps.observe_result(
-            "GRIPPED", "both sides press", duration_s=1.2, latency_s=0.05, fingers=JUDGED, decided_stamp_s=time.time()
+            "GRIPPED", REASON, duration_s=1.2, latency_s=0.05, fingers=JUDGED, decided_stamp_s=time.time()
         )
         self.state.observe_cell(
             replace(cell, mode="HOLDING", product=product, picks=cell.picks + 1, gripped=cell.gripped + 1)
@@ -281,7 +285,9 @@ def feed(site: PanelSite, stop: threading.Event) -> None:
         angles = tuple(phase * k for k in (0.3, 0.5, 0.7))
         state.predicted = tuple(FingerView(name, angles) for name in SLOTS)
         state.measured = (FingerView("index", angles),)
-        state.residuals["index"] = ResidualView("index", 0.0012, 1.1, 0.4, 0.2, "OK", "")
+        state.residuals["index"] = ResidualView(
+            "index", 0.0012, 1.1, 0.4, 0.2, "OK", "learning the baseline: closing 1 of 5"
+        )
 
 
 def is_secure(folder: Path) -> bool:
@@ -317,11 +323,12 @@ def make_site(folder: Path, port: int) -> PanelSite:
     (folder / "bags" / "softgrip_20261125" / "part_0.mcap").write_bytes(b"MCAP" * 1000)
     state.friction_models = (
         FrictionModelView(
-            "braid-old", "matte", (("alpha", 0.21, 0.02), ("n", 0.9, 0.01)), 0.02, 0.05, 9, 90_000.0, "USABLE", "",
-            is_active=True,
+            "pe-braid-0.25-mm-tpu-printed-along-the-layers-matte-20261126T035452Z", "matte",
+            (("alpha", 0.21, 0.02), ("n", 0.9, 0.01), ("epsilon", 0.096, 0.048), ("lambda", 0.017, 0.026)),
+            0.02, 0.05, 9, 90_000.0, "USABLE", "average error 1.0%, 95 % interval within 4.5%", is_active=True,
         ),
     )  # fmt: skip
-    state.friction_active = "braid-old"
+    state.friction_active = state.friction_models[0].id
     accounts = Accounts(folder / "users.yaml" if (folder / "users.yaml").exists() else None)
     sessions = Sessions(time.monotonic, state.control.forget)
     cell = PretendedCell(state, folder / "calls")

@@ -351,12 +351,23 @@ def test_no_request_leaves_the_machine(browser: PanelBrowser, site: RunningSite)
         assert [url for url in asked if not url.startswith(own)] == []
 
 
+def clipped(browser: PanelBrowser) -> list[str]:
+    """Return the tables of which something is to be seen only after scrolling sideways."""
+    code = (
+        "const wide = e => e.offsetParent && e.scrollWidth > e.clientWidth + 1;"
+        "const said = e => `${e.innerText.slice(0, 300)}: ${e.scrollWidth} px in ${e.clientWidth}`;"
+        "return [...document.querySelectorAll('.scroll')].filter(wide).map(said)"
+    )
+    return [str(one) for one in browser.script(code)]
+
+
 @pytest.mark.parametrize("path", PAGES)
 def test_a_page_fits_every_screen_and_axe_finds_nothing_serious(browser: PanelBrowser, path: str) -> None:
     browser.open(path)
     for width, height in ((820, 1180), (1920, 1080), (1280, 800)):
         browser.resize(width, height)
         assert browser.script("return document.documentElement.scrollWidth <= window.innerWidth + 1"), (width, height)
+        assert clipped(browser) == [], (width, height)
     small = browser.script(
         "return [...document.querySelectorAll('button, nav a')].filter(e => e.offsetParent && e.offsetHeight < 44"
         ").map(e => e.innerText)"

@@ -50,6 +50,14 @@ def fill(rows: Iterable[Sequence[str]]) -> None:
                 text_element("td", text)
 
 
+def verdict_cell(verdict: str, reason: str, *, is_good: bool) -> None:
+    """Make a cell with a verdict, which stays one word, and its reason, which may take several lines."""
+    with element("td"):
+        text_element("span", verdict, "good" if is_good else "whole")
+        if reason:
+            text_element("span", f" {reason}")
+
+
 def command(page: Page, line: str) -> None:
     """Show a command with a button that copies it."""
     with element("div", classes="command"):

@@ -307,8 +307,8 @@ class Page:
     def notice_text(self, notice: Notice) -> str:
         """Return a notice in words."""
         key = "notices.done" if notice.success else "notices.refused"
-        act = self.t(f"act.{notice.act}")
-        return self.t(key, who=notice.who, act=act, subject=notice.subject, message=notice.message)
+        act = f"{self.t(f'act.{notice.act}')} {notice.subject}".strip()
+        return self.t(key, who=notice.who, act=act, message=notice.message).removesuffix(": ")
 
 
 def clock_text(at_s: float) -> str:

@@ -78,7 +78,7 @@ def bags_page(page: Page) -> None:
 def _row(page: Page, bag: BagView, report: str, replay: str) -> None:
     place = f"/bags/{quote(bag.name, safe='')}"
     with element("tr"):
-        text_element("th", bag.name, scope="row")
+        text_element("th", bag.name, "long", scope="row")
         text_element("td", _size(bag.size))
         with element("td"):
             for name, size in bag.files[:20]:

@@ -9,7 +9,7 @@ import math
 from nicegui import ui
 
 from softgrip_panel.model.facts import FingerView, ResidualView
-from softgrip_panel.web.parts import card, fill, table
+from softgrip_panel.web.parts import card, fill, table, verdict_cell
 from softgrip_panel.web.shell import Page, element, text_element
 
 
@@ -69,7 +69,7 @@ def _residuals(page: Page) -> None:
                     text_element("td", f"{1e3 * one.tip_error_m:.1f} mm ({one.tip_error_percent:.1f} %)")
                     text_element("td", f"{one.cusum_friction:.1f}")
                     text_element("td", f"{one.cusum_stiffness:.1f}")
-                    text_element("td", f"{one.verdict} {one.reason}", "good" if one.verdict == "OK" else "")
+                    verdict_cell(one.verdict, one.reason, is_good=one.verdict == "OK")
 
         page.shown.parts(body, rows, write)
 

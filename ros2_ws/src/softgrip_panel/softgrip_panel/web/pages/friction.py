@@ -13,7 +13,7 @@ from softgrip_panel.model.acts import ActResult
 from softgrip_panel.model.friction import FrictionModelView, RigPoint, RigProgress
 from softgrip_panel.model.roles import Role
 from softgrip_panel.web.drawings import rig_drawing
-from softgrip_panel.web.parts import card, table
+from softgrip_panel.web.parts import card, table, verdict_cell
 from softgrip_panel.web.shell import ChoiceField, Page, element, text_element
 
 PLANS = ("9", "adaptive", "45")
@@ -125,7 +125,7 @@ def _points(page: Page) -> None:
                     text_element("td", f"{one.tension_low_n:.2f} N")
                     text_element("td", f"{one.tension_high_n:.2f} ± {one.stddev_n:.2f} N")
                     text_element("td", f"{one.ratio:.3f}")
-                    text_element("td", f"{one.verdict} {one.reason}", "good" if one.verdict == "ACCEPTED" else "")
+                    verdict_cell(one.verdict, one.reason, is_good=one.verdict == "ACCEPTED")
 
         page.shown.parts(body, lambda: page.state.rig.points, write)
 
@@ -151,11 +151,11 @@ def _models(page: Page) -> None:
 
 def _model(page: Page, model: FrictionModelView) -> None:
     with element("tr"):
-        text_element("th", f"{model.id} ({model.law})", scope="row")
+        text_element("th", f"{model.id} ({model.law})", "long", scope="row")
         text_element("td", "; ".join(_coefficient(*one) for one in model.coefficients))
-        text_element("td", f"{100.0 * model.average_error:.1f} % / {100.0 * model.maximum_error:.1f} %, {model.points}")
+        text_element("td", f"{_percent(model.average_error)} / {_percent(model.maximum_error)}, {model.points}")
         text_element("td", page.t("records.days", days=int(model.age_s // 86400)))
-        text_element("td", f"{model.verdict} {model.reason}")
+        verdict_cell(model.verdict, model.reason, is_good=model.verdict == "USABLE")
         with element("td"):
             if model.is_active:
                 text_element("span", page.t("friction.active"), "good")
@@ -163,6 +163,10 @@ def _model(page: Page, model: FrictionModelView) -> None:
                 page.button(
                     "friction.activate", lambda: _ask_activate(page, model.id), "small", name=f"activate-{model.id}"
                 )
+
+
+def _percent(share: float) -> str:
+    return "?" if math.isnan(share) else f"{100.0 * share:.1f} %"
 
 
 def _coefficient(name: str, value: float, half_width: float) -> str:

@@ -43,7 +43,7 @@ def records_page(page: Page) -> None:
 
 def _row(page: Page, record: FingerRecordView) -> None:
     with element("tr", data_serial=record.serial):
-        text_element("th", record.serial, scope="row")
+        text_element("th", record.serial, "serial", scope="row")
         text_element("td", f"{record.profile} {record.finger}")
         with element("td"):
             text_element("span", record.state, "bad" if record.objection else "good")
@@ -56,7 +56,9 @@ def _row(page: Page, record: FingerRecordView) -> None:
             text_element("span", page.t("records.cycles", cycles=record.cycles, limit=record.cycle_limit))
         age = check_age_days(record, date.today())  # noqa: DTZ011  a person's day
         text_element("td", page.t("records.never") if age is None else page.t("records.days", days=age))
-        text_element("td", f"{record.material}, {record.cable}, {record.printed}")
+        with element("td"):
+            text_element("span", f"{record.material}, {record.cable}, ")
+            text_element("span", record.printed, "whole")
         with element("td"), element("div", classes="row"):
             text_element(
                 "a", page.t("records.label"), "export", href=f"/label/{quote(record.serial, safe='')}", target="_blank"
