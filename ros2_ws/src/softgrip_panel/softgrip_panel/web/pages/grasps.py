@@ -38,7 +38,7 @@ def _list(page: Page, show: object) -> None:
             serial = ui.input(page.t("grasps.finger")).props("outlined dense").classes("grow")
             outcome = ChoiceField(page.t("grasps.verdict"), {one: one or page.t("grasps.every") for one in OUTCOMES})
         export = text_element("a", page.t("grasps.export"), "export", id="export", download="grasps.csv")
-        body = table(page, "grasps.at", "grasps.product", "grasps.set", "grasps.verdict", "grasps.why", "grasps.show")
+        body = table(page, "grasps.at", "grasps.product", "grasps.set", "grasps.verdict", "grasps.show")
 
         none = text_element("p", page.t("grasps.none"), "note")
 
@@ -68,8 +68,9 @@ def _row(page: Page, row: GraspRow, show: object) -> None:
         with element("td"):
             for part in (row.finger_set, *row.serials):
                 text_element("span", part, "whole")
-        text_element("td", row.outcome or "...", "verdict", data_state=row.outcome)
-        text_element("td", row.reason, "why")
+        with element("td"):
+            text_element("span", row.outcome or "...", "verdict", data_state=row.outcome)
+            text_element("p", row.reason)
         with element("td"):
             if row.number is not None and callable(show):
                 number = row.number
