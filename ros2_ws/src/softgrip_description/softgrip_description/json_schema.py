@@ -144,12 +144,12 @@ def _check_names(value: Any, argument: Any, schema: Mapping[str, Any], place: Pl
         yield from find_problems(name, argument, (*place, str(name)))
 
 
-def _check_fewest(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_min(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
     if len(value) < argument:
         yield place, f"expected at least {argument}, found {len(value) or 'none'}{_hint(schema)}"
 
 
-def _check_most(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_max(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
     if len(value) > argument:
         yield place, f"expected at most {argument}, found {len(value)}{_hint(schema)}"
 
@@ -178,8 +178,8 @@ _CHECKS: Mapping[str, Callable[[Any, Any, Mapping[str, Any], Place], Iterator[Pr
     "properties": _check_properties,
     "additionalProperties": _check_others,
     "propertyNames": _check_names,
-    "minProperties": _check_fewest,
-    "minItems": _check_fewest,
-    "maxItems": _check_most,
+    "minProperties": _check_min,
+    "minItems": _check_min,
+    "maxItems": _check_max,
     "items": _check_items,
 }
