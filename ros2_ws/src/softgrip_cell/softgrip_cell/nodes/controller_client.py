@@ -29,7 +29,7 @@ from std_srvs.srv import Trigger
 
 from softgrip_cell.errors import CellError, RefusedError
 from softgrip_cell.grasp.values import GraspPhase
-from softgrip_cell.nodes.convert import GRASP_PHASES
+from softgrip_cell.nodes.convert import GRASP_PHASES, swap_step
 from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT
 from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.srv import ConfirmStep, PlanMix, SelectProduct
@@ -109,7 +109,7 @@ class CellController:
             feedback = message.feedback
             self._token = feedback.token
             if feedback.confirmation:
-                given = list(confirm(feedback.step, feedback.instruction))
+                given = list(confirm(swap_step(feedback).value, feedback.instruction))
                 request = ConfirmStep.Request(step=feedback.step, token=feedback.token, serials=given)
                 answer = self._confirm.call_async(request)
                 answer.add_done_callback(self._log_refusal)
@@ -123,7 +123,7 @@ class CellController:
         Raises:
             RefusedError: no swap of this client left the drives locked.
         """
-        self._call(self._confirm, ConfirmStep.Request(step=HANDS_OUT, token=self._token))
+        self._call(self._confirm, ConfirmStep.Request(step=ConfirmStep.Request.HANDS_OUT, token=self._token))
 
     def grasp(
         self,

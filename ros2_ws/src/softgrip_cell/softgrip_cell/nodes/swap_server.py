@@ -378,7 +378,7 @@ class SwapServer:
         assert self._goal is not None
         self._goal.publish_feedback(
             SwapFingers.Feedback(
-                step=turn.step.value,
+                step=convert.SWAP_STEPS[turn.step],
                 instruction=turn.instruction,
                 confirmation=turn.confirmation,
                 elapsed=self._cell.now_s() - self._started_s,
@@ -398,7 +398,7 @@ class SwapServer:
         _check_token(request.token, self._token)
         if self._goal is None or self._ended is not None:
             raise RefusedError("the swap is ending; look at its result")
-        turn = sequence.confirm(request.step, list(request.serials))
+        turn = sequence.confirm(convert.confirmed_step(request), list(request.serials))
         _resolve(self._waiting, turn)
         return turn.instruction
 
@@ -407,8 +407,9 @@ class SwapServer:
         lock = self._cell.lock
         if lock is None:
             raise RefusedError("expected a swap to be going on, found none; start one with cell/swap")
-        if request.step != HANDS_OUT:
-            raise RefusedError(f"expected a confirmation of step '{HANDS_OUT}', found '{request.step}'")
+        confirmed = convert.confirmed_step(request)
+        if confirmed != HANDS_OUT:
+            raise RefusedError(f"expected a confirmation of step '{HANDS_OUT}', found '{confirmed}'")
         _check_token(request.token, lock.confirm_token)
         if not self._lock.ready():
             raise RefusedError("expected service tendon/unlock, found none; start tendon_driver, then confirm again")

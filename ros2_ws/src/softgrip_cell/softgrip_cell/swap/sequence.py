@@ -15,7 +15,7 @@ from softgrip_cell.storage.journal import MountedSlot, SlotState
 
 
 class SwapStep(StrEnum):
-    """Steps of a swap, in order; the value is the id that feedback and cell/confirm_step use."""
+    """Steps of a swap, in order; the value is what the database and texts call it."""
 
     RELEASE = "release"
     LOCK = "lock"
@@ -125,7 +125,7 @@ class SwapSequence:
         """A person says that a step is done.
 
         Args:
-            step: id of the step that is waiting.
+            step: the one that is waiting, a value of SwapStep.
             serials: where the step asks for them, of the fingers now in the slots, slot order.
 
         Raises:

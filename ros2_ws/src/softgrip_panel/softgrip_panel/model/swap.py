@@ -15,7 +15,7 @@ from typing import Final
 #: A swap of one set of fingers for another may take so long (thesis 4.3.4) [s].
 LIMIT_S: Final = 300.0
 
-#: Steps in order, as softgrip_cell's SwapStep names them in feedback.
+#: Steps in order, named as in softgrip_cell's SwapStep.
 STEPS: Final = (
     "release", "lock", "open_palm", "remove", "insert", "close_palm", "unlock", "home", "verify", "done",
 )  # fmt: skip

@@ -350,7 +350,7 @@ class PanelNode(CellNode):
         if act == "swap":
             with self._state.locked() as state:
                 state.swap.observe(
-                    feedback.step,
+                    convert.SWAP_STEPS.get(feedback.step, ""),
                     feedback.instruction,
                     feedback.token,
                     needs_confirmation=bool(feedback.confirmation),
