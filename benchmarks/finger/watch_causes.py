@@ -116,7 +116,7 @@ def changed(plant: str, finger_set: str, seed: int, number: int) -> Verdict:
         for place, (finger, watch) in enumerate(zip(hand, watches, strict=True)):
             moved = n > 0 and (place == 0 or one.shared)
             closing, conditions = finger.close(one.apply(Truth(), n) if moved else Truth())
-            watch.take(closing, conditions)
+            watch.add_closing(closing, conditions)
             if place == 0:
                 feed(former, closing)
     alone = watches[0].diagnosis.causes
@@ -145,7 +145,7 @@ def quiet(plant: str, seed: int) -> tuple[int, int]:
             speed_mm_per_s=rng.uniform(6.0, 20.0),
             rest_s=float(np.exp(rng.uniform(math.log(0.5), math.log(60.0)))),
         )
-        watch.take(*finger.close(truth))
+        watch.add_closing(*finger.close(truth))
         worn += watch.judge()[0] is WearVerdict.WORN
     return LONG_QUIET, worn
 

@@ -522,7 +522,7 @@ class Cell:
     def _begin(self, kind: str, subject: str, step: str) -> None:
         """Write that a swap or grasp starts; where that cannot be written it does not."""
         with self._storage():
-            self._journal.begin(kind, subject, step)
+            self._journal.begin_operation(kind, subject, step)
 
     def _refuse_when_busy(self) -> None:
         if self._writes.fault:

@@ -200,6 +200,6 @@ class StreamSilence:
         """Take note of a message."""
         self._checks_left = 0
 
-    def look(self) -> None:
+    def pass_period(self) -> None:
         """Let one period pass."""
         self._checks_left += 1

@@ -59,7 +59,7 @@ class Disk:
     def ready_cell(self) -> Cell:
         """A cell with verified power fingers."""
         cell, journal = self.cell(), self.journal()
-        journal.begin("swap", "power", "insert")
+        journal.begin_operation("swap", "power", "insert")
         journal.read_in("close_palm", POWER)
         references = dict.fromkeys(POWER, FREE.document())
         journal.finish_swap("power", SwapOutcome.SUCCEEDED, "good", 1.0, changed=True, references=references)
@@ -122,7 +122,7 @@ def test_nothing_begins_that_cannot_be_written_down(disk: Disk) -> None:
 def test_a_cell_starts_at_fault_where_the_database_cannot_be_written(disk: Disk) -> None:
     journal = disk.journal()
     journal.recover()
-    journal.begin("grasp", "egg", "power")
+    journal.begin_operation("grasp", "egg", "power")
     disk.set_full(True)
     cell = disk.cell()
     assert cell.mode is CellMode.FAULT

@@ -25,7 +25,7 @@ def start(database: Database, *, verified: bool = True) -> Cell:
     limits = FrictionLimits(age_s=1e6, range_factor=5.0)
     cell = Cell(Library(database, lambda: 1), journal, 2, limits, Clocks(lambda: 1, lambda: 0.0))
     if verified:
-        journal.begin("swap", "power", "insert")
+        journal.begin_operation("swap", "power", "insert")
         journal.read_in("close_palm", POWER)
         references = dict.fromkeys(POWER, FREE.document())
         journal.finish_swap("power", SwapOutcome.SUCCEEDED, "good", 1.0, changed=True, references=references)

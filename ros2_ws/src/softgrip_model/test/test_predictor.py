@@ -272,11 +272,11 @@ def test_what_is_predicted_names_whether_the_fingers_were_free(profiles: dict[st
 def test_a_late_sample_does_not_change_what_was_in_use(profiles: dict[str, Profile]) -> None:
     session, timeline = Session(profiles, {"index": "power"}, WearSettings()), Timeline(span=100)
     first, second = session.in_use, replace_free(session.in_use)
-    timeline.note(10, first)
-    timeline.note(20, second)
-    timeline.note(15, first)
+    timeline.record(10, first)
+    timeline.record(20, second)
+    timeline.record(15, first)
     assert [timeline.at(stamp) for stamp in (9, 10, 19, 20, 30)] == [None, first, first, second, second]
-    timeline.note(-100, first)  # the source has started again
+    timeline.record(-100, first)  # the source has started again
     assert (timeline.at(30), timeline.at(-100)) == (first, first)
 
 

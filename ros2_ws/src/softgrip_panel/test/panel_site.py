@@ -138,7 +138,7 @@ class PretendedCell:
 
     def _swap(self, act: Act, who: str) -> ActResult:
         with self.state.locked() as state:
-            state.swap.begin(act.call.request["finger_set"], who, time.time())
+            state.swap.begin_swap(act.call.request["finger_set"], who, time.time())
             state.swap.observe("open_palm", "Open the palm.", "t0ken", needs_confirmation=True)
             state.observe_cell(replace(state.cell, mode="SWAPPING"))
         return ActResult(success=True, message="begun")

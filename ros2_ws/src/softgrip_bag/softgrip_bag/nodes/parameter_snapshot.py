@@ -94,7 +94,7 @@ class FileReader:
 
 
 class ParameterSnapshot:
-    """Call `look` now and then: every node that has appeared is asked once.
+    """Call `ask_nodes` now and then: every node that has appeared is asked once.
 
     Args:
         node: whose clients are used.
@@ -132,7 +132,7 @@ class ParameterSnapshot:
         """End the thread that reads files."""
         self._files.close()
 
-    def look(self) -> None:
+    def ask_nodes(self) -> None:
         """Ask nodes that have not answered; try again to read files that were not there."""
         for name, namespace in self._node.get_node_names_and_namespaces():
             full = f"{namespace.rstrip('/')}/{name}"

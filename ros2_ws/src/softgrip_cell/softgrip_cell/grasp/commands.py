@@ -110,7 +110,7 @@ class TensionControl:
             order.requested_n, order.contact = self._requested_n(slot, contacts[slot]), contacts[slot]
         return Press(tuple(slots), tuple(self._orders[slot].requested_n for slot in slots), self._speed_m_per_s)
 
-    def keep(self, slots: Sequence[int], contacts: Sequence[FingerContact], now_ns: int) -> Press:
+    def keep_tension(self, slots: Sequence[int], contacts: Sequence[FingerContact], now_ns: int) -> Press:
         """Have fingers that touch nothing yet keep the tension that they have, so that they follow what comes."""
         for slot in slots:
             max_n = min(contacts[slot].tension_n, self._requested_n(slot, contacts[slot]))

@@ -114,11 +114,11 @@ class SwapServer:
         if self._closing is not None:
             self._closing.observe(pair)
 
-    def see(self, tips: Sequence[SeenTip]) -> None:
+    def observe_tips(self, tips: Sequence[SeenTip]) -> None:
         """Take what the camera saw."""
         if self._closing is not None:
             for tip in tips:
-                self._closing.see(tip)
+                self._closing.observe_tip(tip)
 
     def observe_faults(self, faults: Sequence[TendonFault]) -> None:
         """Take what tendon/status says; a fault while the cell itself moves ends the swap."""

@@ -141,7 +141,7 @@ class TendonLease:
                 f"lost the tendons: expected '{self._owner}' to own them (tendon/owners), found {_named(others)}"
             )
 
-    def look(self) -> None:
+    def send_heartbeat(self) -> None:
         """Say that the owner is alive, and give up what is not answered; each call is a heartbeat."""
         now_s = self._node_io.monotonic_s()
         if self.token:

@@ -81,7 +81,7 @@ class Bench:
         finally:
             self._measuring.release()
 
-    def look(self, now: float) -> RigSample | None:
+    def read_idle(self, now: float) -> RigSample | None:
         """Read both while nobody measures; None while somebody does.
 
         Raises:

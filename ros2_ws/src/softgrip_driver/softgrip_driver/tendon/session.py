@@ -59,7 +59,7 @@ class ZeroKeeper:
             results.append(Recalled(tendon, not reason, reason or "zero of the last homing holds"))
         return results
 
-    def keep(self, loop: BusLoop, homed_at: str) -> None:
+    def save_zeros(self, loop: BusLoop, homed_at: str) -> None:
         """Mark the devices of all homed drives and write their zeros.
 
         Raises:

@@ -65,7 +65,7 @@ class Timeline:
         self._since: deque[tuple[int, ActiveConfiguration]] = deque()
         self._newest: int | None = None
 
-    def note(self, stamp: int, in_use: ActiveConfiguration) -> None:
+    def record(self, stamp: int, in_use: ActiveConfiguration) -> None:
         """Take down what the tendon sample of a stamp [ns] meets; a late sample changes nothing."""
         if self._newest is not None and stamp <= self._newest:
             if stamp > self._newest - self._span:

@@ -254,10 +254,10 @@ class CauseWatch:
         """Take one instant; `ClosingCollector.add` has the arguments."""
         closing = self._collector.add(sample, pulling=pulling, free=free)
         if closing:
-            self.take(closing, self._conditions(closing, temperature_c))
+            self.add_closing(closing, self._conditions(closing, temperature_c))
             self._ended = sample.stamp
 
-    def take(self, closing: tuple[ClosingInstant, ...], conditions: ClosingConditions) -> Diagnosis:
+    def add_closing(self, closing: tuple[ClosingInstant, ...], conditions: ClosingConditions) -> Diagnosis:
         """Take one closing; return what it says with those before."""
         self.closings += 1
         if self.closings <= self._settings.baseline:

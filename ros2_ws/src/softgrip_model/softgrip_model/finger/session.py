@@ -137,7 +137,7 @@ class Session:
     def on_tendons(self, tendons: Sequence[TendonInput], names: Sequence[str]) -> list[Residual]:
         """Take the tendons' state at one stamp; return the residuals that became known by it."""
         for sample in tendons[:1]:
-            self._timeline.note(sample.stamp, self.in_use)
+            self._timeline.record(sample.stamp, self.in_use)
         for name, sample in zip(names, tendons, strict=True):
             if name in self._learners and sample.pulled_length_m < OPEN_M:
                 self._learners[name].note_open(sample.stamp)

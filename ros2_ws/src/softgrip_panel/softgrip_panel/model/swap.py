@@ -87,7 +87,7 @@ class SwapProgress:
         if view.is_open:
             self.view, self._is_taken_up = view, True
 
-    def begin(self, finger_set: str, who: str, now_s: float) -> None:
+    def begin_swap(self, finger_set: str, who: str, now_s: float) -> None:
         """A goal was accepted."""
         self._is_taken_up = False
         self._set(SwapView(SwapPhase.RUNNING, finger_set, started_s=now_s, who=who))

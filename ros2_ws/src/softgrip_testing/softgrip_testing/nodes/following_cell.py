@@ -49,7 +49,7 @@ class FollowingCell(Node):
         self._state = self.create_publisher(JointState, "tendon/state", SENSOR)
         self.create_timer(tick_s, self._tick)
 
-    def answer(self, name: str, response: Any) -> Any:
+    def answer_service(self, name: str, response: Any) -> Any:
         """Answer a service."""
         self.asked.append(name)
         response.success = not (self.owner and name == "tendon/lease")
@@ -59,9 +59,9 @@ class FollowingCell(Node):
         return response
 
     def _answer(self, name: str, _request: Any, response: Any) -> Any:
-        return self.answer(name, response)
+        return self.answer_service(name, response)
 
-    def say(self) -> None:
+    def publish_more(self) -> None:
         """Publish what a test wants said in every tick, behind tendon/state."""
 
     def _follow(self, message: JointTrajectory) -> None:
@@ -76,7 +76,7 @@ class FollowingCell(Node):
         state.effort = (self._n_per_m * self.lengths_m).tolist()
         state.header.stamp.sec, state.header.stamp.nanosec = divmod(self.time_ns, 10**9)
         self._state.publish(state)
-        self.say()
+        self.publish_more()
 
 
 @contextmanager

@@ -195,7 +195,7 @@ class CameraNode(CellNode):
         return {info.node_name for info in self.get_subscriptions_info_by_topic(self._compressed.topic_name)}
 
     def _publish_ready(self) -> None:
-        while (frame := self._capture.take()) is not None:
+        while (frame := self._capture.take_frame()) is not None:
             self._publish(frame)
 
     def _publish(self, frame: CameraFrame) -> None:
@@ -211,7 +211,7 @@ class CameraNode(CellNode):
         self._compressed.publish(compressed)
         if self._pixels is not None and raw is not None:
             self._pixels.publish(raw)
-        self._watch.see(frame)
+        self._watch.observe_frame(frame)
         self._published += 1
         self._last_stamp_ns = frame.stamp_ns
 
