@@ -62,7 +62,7 @@ class Drain:
         self._quiet = 0
 
     def admit_message(self, published: int) -> bool:
-        """Take note of when a message was sent [ns] that was just taken; return whether that was before the moment."""
+        """Record when a message was sent [ns] that was just taken; return whether that was before the moment."""
         before = published < self._moment
         if before:
             self._quiet = 0

@@ -197,7 +197,7 @@ class StreamSilence:
         return self._checks_left >= self._limit
 
     def hear(self) -> None:
-        """Take note of a message."""
+        """Record a message."""
         self._checks_left = 0
 
     def pass_period(self) -> None:

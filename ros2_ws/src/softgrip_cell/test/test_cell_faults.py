@@ -51,9 +51,9 @@ class Disk:
         """A cell as after a start, with driver and friction as they should be."""
         limits, clocks = FrictionLimits(age_s=1e6, range_factor=5.0), Clocks(lambda: 1, lambda: 0.0)
         cell = Cell(Library(self.database, lambda: 1), self.journal(), 2, limits, clocks)
-        cell.update_driver(DriverFacts(heard=True, estop=False))
-        cell.update_safety(SafetyFacts(heard=True))
-        cell.update_friction(lambda: FrictionFacts("model", "d1", 1.0, 10.0, usable=True, reason=""))
+        cell.update_driver(DriverFacts(is_heard=True, estop=False))
+        cell.update_safety(SafetyFacts(is_heard=True))
+        cell.update_friction(lambda: FrictionFacts("model", "d1", 1.0, 10.0, is_usable=True, reason=""))
         return cell
 
     def ready_cell(self) -> Cell:
@@ -213,13 +213,13 @@ def test_a_lock_that_cannot_be_written_down_is_not_taken(disk: Disk) -> None:
 
 def test_the_owner_of_a_foreign_lock_is_named_in_the_state(disk: Disk) -> None:
     cell = disk.cell()
-    cell.update_safety(SafetyFacts(heard=True, locked=True, lock_owner="Ada", lock_reason="cleaning"))
+    cell.update_safety(SafetyFacts(is_heard=True, locked=True, lock_owner="Ada", lock_reason="cleaning"))
     assert "the drives are locked by 'Ada': cleaning" in cell.state()["reason"]
 
 
 def test_an_emergency_stop_is_the_mode_whoever_tells_of_it(disk: Disk) -> None:
     cell = disk.cell()
-    cell.update_safety(SafetyFacts(heard=True, estop=True))
+    cell.update_safety(SafetyFacts(is_heard=True, estop=True))
     assert cell.mode is CellMode.ESTOP
-    cell.update_safety(SafetyFacts(heard=True))
+    cell.update_safety(SafetyFacts(is_heard=True))
     assert cell.mode is CellMode.IDLE

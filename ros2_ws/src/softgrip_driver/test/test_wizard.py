@@ -225,7 +225,7 @@ def test_a_tendon_that_was_wound_the_other_way_round_since_is_named_before_anyth
     bench.file.write_text(text.replace("direction: -1", "direction: 1"))
     wound_m = bench.plant.wound_m().copy()
     with pytest.raises(
-        ConfigurationError, match=r"middle: expected a spool that pulls in direction 1, found -1; .*anew"
+        ConfigurationError, match=r"middle: expected a spool that pulls in direction 1, found -1; .*again"
     ):
         bench.wizard(Hands(bench.plant)).run()
     assert bench.powered() == [0, 0, 0]

@@ -188,7 +188,7 @@ class FaultBoard:
         if not duration_s >= 0.0:
             raise EmulatorError(f"fault '{fault}': expected a duration of 0 or more seconds, found {duration_s}")
         with self._lock:
-            # One that is on already begins anew, perhaps with other arguments.
+            # One that is on already starts again, perhaps with other arguments.
             label, cause = self._prepared(fault, target, dict(arguments or {}))
             self._end([one for one in self._active if one.label == label])
             undo = cause()

@@ -162,7 +162,7 @@ def test_only_the_last_two_seconds_are_kept() -> None:
 
 
 def test_a_source_that_starts_again_is_paired_again() -> None:
-    """Simulated time that begins anew; a sample that is merely late changes nothing."""
+    """Simulated time that starts again; a sample that is merely late changes nothing."""
     matcher: Matcher[str] = Matcher()
     for t in range(100, 120):
         matcher.add_tendon(TendonInput(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0))
@@ -270,7 +270,7 @@ def test_what_is_predicted_names_whether_the_fingers_were_free(profiles: dict[st
 
 
 def test_a_late_sample_does_not_change_what_was_in_use(profiles: dict[str, Profile]) -> None:
-    session, timeline = Session(profiles, {"index": "power"}, WearSettings()), Timeline(span=100)
+    session, timeline = Session(profiles, {"index": "power"}, WearSettings()), Timeline(span_ns=100)
     first, second = session.in_use, replace_free(session.in_use)
     timeline.record(10, first)
     timeline.record(20, second)

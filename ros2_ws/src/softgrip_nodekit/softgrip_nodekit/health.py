@@ -30,7 +30,7 @@ class HealthChange(NamedTuple):
 
 
 class HealthWatch:
-    """Tell which of some nodes do not answer. A node is watched from its first answer on.
+    """Find which of some nodes do not answer. A node is watched from its first answer on.
 
     Args:
         names: of the nodes.

@@ -60,13 +60,13 @@ class GoalHandle(Protocol):
         """Publish how far it is."""
 
     def succeed(self) -> None:
-        """Say that it was reached."""
+        """Report that it was reached."""
 
     def abort(self) -> None:
-        """Say that it was not reached."""
+        """Report that it was not reached."""
 
     def canceled(self) -> None:
-        """Say that it ended because the client wanted it to."""
+        """Report that it ended because the client wanted it to."""
 
 
 Execute = Callable[[GoalHandle], Awaitable[Any]]

@@ -32,7 +32,7 @@ class FrameWatch:
         self._stamps: deque[int] = deque()
 
     def observe_frame(self, frame: CameraFrame) -> None:
-        """Take note of a frame."""
+        """Record a frame."""
         if self._last is None or not _same(frame, self._last):
             self._same_since = frame.stamp_ns
         self._last = frame

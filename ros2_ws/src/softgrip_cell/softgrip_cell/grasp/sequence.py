@@ -149,7 +149,7 @@ class GraspSequence:
         return self._end(GraspOutcome.ABORTED, reason, sample.stamp_ns)
 
     def closing_ended(self) -> None:
-        """Take note that the commanded closing came to its end (targets or tension limit)."""
+        """Record that the commanded closing came to its end (targets or tension limit)."""
         self._has_path_ended = True
 
     def fault(self, fault: TendonFault, stamp_ns: int) -> GraspStep:

@@ -92,7 +92,7 @@ class CellController:
         return self._call(self._plan, request)
 
     def swap(self, finger_set: str, confirm: Confirm, serials: Sequence[str] = (), timeout_s: float = 330.0) -> Any:
-        """Have fingers swapped and checked.
+        """Order a swap of fingers, and their check.
 
         Args:
             finger_set: "power", "pinch" or "hook".
@@ -118,7 +118,7 @@ class CellController:
         return self._act(self._swap, "cell/swap", goal, on_feedback, timeout_s)
 
     def hands_out(self) -> None:
-        """Say that a person's hands are out of the cell after the last swap ended early: the drives are unlocked.
+        """Confirm that a person's hands are out of the cell after the last swap ended early: the drives are unlocked.
 
         Raises:
             RefusedError: no swap of this client left the drives locked.
@@ -134,7 +134,7 @@ class CellController:
         on_phase: Callable[[GraspPhase], None] | None = None,
         timeout_s: float = 60.0,
     ) -> Any:
-        """Have a product grasped.
+        """Order a grasp.
 
         Args:
             product: id.

@@ -185,7 +185,7 @@ def tendon_faults(message: TendonStatusArray, slots: Sequence[str]) -> list[Tend
 
 
 def is_moving(message: TendonStatusArray | None, slots: Sequence[str]) -> bool:
-    """Say whether a slot's tendon is on its way somewhere, whoever ordered it."""
+    """Return whether a slot's tendon is on its way somewhere, whoever ordered it."""
     under_way = (TendonStatus.MOVING, TendonStatus.HOMING, TendonStatus.RELEASING)
     tendons = [] if message is None else message.tendons
     return any(tendon.tendon in slots and tendon.state in under_way for tendon in tendons)
@@ -194,10 +194,10 @@ def is_moving(message: TendonStatusArray | None, slots: Sequence[str]) -> bool:
 def driver_facts(message: TendonStatusArray | None, slots: Sequence[str], *, fresh: bool) -> DriverFacts:
     """Return what a tendon/status means for the gates; None when none ever came."""
     if message is None:
-        return DriverFacts(heard=False, estop=False)
+        return DriverFacts(is_heard=False, estop=False)
     faults = tuple(f"{fault.tendon}: {fault.name}: {fault.reason}" for fault in tendon_faults(message, slots))
     unhomed = tuple(tendon.tendon for tendon in message.tendons if tendon.tendon in slots and not tendon.homed)
-    return DriverFacts(heard=fresh, estop=bool(message.estop), faults=faults, unhomed=unhomed)
+    return DriverFacts(is_heard=fresh, estop=bool(message.estop), faults=faults, unhomed=unhomed)
 
 
 def friction_facts(message: FrictionModel, now_ns: int) -> FrictionFacts:
@@ -215,7 +215,7 @@ def friction_facts(message: FrictionModel, now_ns: int) -> FrictionFacts:
         digest=digest,
         age_s=to_s(now_ns - nanoseconds(message.header.stamp)),
         tension_high_n=float(message.tension_range[1]),
-        usable=not objection,
+        is_usable=not objection,
         reason=objection,
     )
 
@@ -223,7 +223,7 @@ def friction_facts(message: FrictionModel, now_ns: int) -> FrictionFacts:
 def safety_facts(message: SafetyState) -> SafetyFacts:
     """Return what a safety/state means for the gates."""
     return SafetyFacts(
-        heard=True,
+        is_heard=True,
         estop=bool(message.estop),
         estop_reason=message.estop_reason,
         locked=bool(message.locked),

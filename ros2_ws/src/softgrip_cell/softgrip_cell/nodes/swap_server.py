@@ -271,7 +271,7 @@ class SwapServer:
             raise SwapEnded(SwapOutcome.FAILED, why_not)
 
     async def _slackened(self) -> None:
-        """Have the tendons released, and see that they are slack; where the driver releases none they have to be so."""
+        """Release the tendons, and wait until they are slack; where the driver releases none they have to be so."""
         slack = Future()
 
         def answered(success: bool, message: str) -> None:
@@ -344,7 +344,7 @@ class SwapServer:
         await self._wait(done)
 
     async def _give_back(self) -> None:
-        """Have the tendons slackened, unless the drives are locked, and give them back to whoever comes next."""
+        """Order slack tendons, unless the drives are locked, and give them back to whoever comes next."""
         done = Future()
         self._given_back = (done, self._cell.now_s() + GIVE_BACK_S)
 

@@ -142,7 +142,7 @@ class TendonLease:
             )
 
     def send_heartbeat(self) -> None:
-        """Say that the owner is alive, and give up what is not answered; each call is a heartbeat."""
+        """Publish that the owner is alive, and give up what is not answered; each call is a heartbeat."""
         now_s = self._node_io.monotonic_s()
         if self.token:
             message = LeaseHeartbeat(token=self.token)

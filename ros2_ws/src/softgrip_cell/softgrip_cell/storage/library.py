@@ -69,7 +69,7 @@ class Library:
         return Catalogue(finger_sets=sets, products=products)
 
     def is_empty(self) -> bool:
-        """Tell whether no product was ever stored."""
+        """Return whether no product was ever stored."""
         with self._database.read() as connection:
             return not connection.execute(select(func.count()).select_from(ENTRY)).scalar_one()
 

@@ -158,7 +158,7 @@ class SwapSequence:
         return self._go(SwapStep.VERIFY, "The fingers close on nothing to be checked. Keep the palm free.")
 
     def safe_condition(self) -> str:
-        """Say in words how the cell is left when the swap ends now."""
+        """Return in words how the cell is left when the swap ends now."""
         if self.step in (SwapStep.RELEASE, SwapStep.LOCK, SwapStep.OPEN_PALM) and not self.only_check:
             return "tendons slack, fingers as before but to be verified"
         if self.step in (SwapStep.HOME, SwapStep.VERIFY) or self.only_check:

@@ -129,7 +129,7 @@ def sign(record: FirstRunRecord, name: str) -> FirstRunRecord:
 
 
 def verify(path: Path, cell_file: Path, say: Callable[[str], object]) -> int:
-    """Say whether a record is the one that its digest was made for, and of this cell file."""
+    """Return whether a record is the one that its digest was made for, and of this cell file."""
     import json  # noqa: PLC0415  only this looks at the raw text
 
     record = load_record(path, cell_file)

@@ -25,7 +25,7 @@ class Terminal(Protocol):
         """Do something, then say so."""
 
     def try_again(self, key: str, problem: str) -> bool:
-        """Say whether to do a step that failed once more, after its cause was removed."""
+        """Return whether to do a step that failed once more, after its cause was removed."""
 
 
 class TerminalPerson:
@@ -82,7 +82,7 @@ class WrittenAnswers:
         return answer
 
     def confirm(self, key: str, text: str) -> None:
-        """Say what was asked for; it counts as done."""
+        """Print what was asked for; it counts as done."""
         del key
         self.print_line(f"> {text}")
 

@@ -64,7 +64,7 @@ class Bench:
 
     @contextmanager
     def measuring(self) -> Iterator[None]:
-        """Have the devices for oneself.
+        """Reserve the devices.
 
         Raises:
             BusyError: somebody has.

@@ -82,11 +82,11 @@ class RigOperator(Protocol):
         ...
 
     def judged(self, point: JudgedPoint) -> None:
-        """Take note of an attempt."""
+        """Record an attempt."""
         ...
 
     def sampled(self, sample: RigSample) -> None:
-        """Take note of a raw reading."""
+        """Record a raw reading."""
         ...
 
 

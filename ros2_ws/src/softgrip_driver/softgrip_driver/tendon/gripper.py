@@ -336,7 +336,7 @@ class GripperController:
                 drive.set_fault("owner_lost", f"a stream without a message or a heartbeat for {silent:.2f} s")
 
     def lose_port(self, reason: str) -> None:
-        """Take note that the port is gone."""
+        """Record that the port is gone."""
         for drive in self.drives.values():
             drive.set_fault("port_lost", reason)
 

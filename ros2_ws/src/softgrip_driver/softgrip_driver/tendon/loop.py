@@ -110,7 +110,7 @@ class _Pace:
         return self._due
 
     def begin_cycle(self, now: float) -> None:
-        """Take note that a cycle begins."""
+        """Record that a cycle begins."""
         if self._starts:
             self._errors.append(abs(now - self._starts[-1] - self.interval))
         self._starts.append(now)

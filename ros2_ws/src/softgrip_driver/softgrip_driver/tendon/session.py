@@ -82,7 +82,7 @@ class ZeroKeeper:
         self._store.save(self._zeros)
 
     def _objection(self, tendon: str, device: str, zero: StoredZero | None, mark: int | None) -> str:
-        """Say why a stored zero does not hold, empty when it does."""
+        """Return why a stored zero does not hold, empty when it does."""
         spool = self._spools[tendon]
         if zero is None:
             return "never homed"

@@ -86,7 +86,7 @@ class SetupWizard:
         chain = self._cell.servos or ServoChain("", settings.baud)
         self._chain = replace(chain, port=settings.port or chain.port, baud=chain.baud or settings.baud)
         self._tendons = settings.tendons or tuple(servo.tendon for servo in chain.chain)
-        #: whose directions this run has found; those of the file may be of a tendon that was wound anew since
+        #: whose directions this run has found; those of the file may be of a tendon that was wound again since
         self._turned = set[str]()
 
     @property

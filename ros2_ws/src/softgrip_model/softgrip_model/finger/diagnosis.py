@@ -280,7 +280,7 @@ class CauseWatch:
         return self.diagnosis
 
     def join(self, others: Sequence[CauseWatch]) -> None:
-        """Take note of the watches of the hand's other fingers."""
+        """Record the watches of the hand's other fingers."""
         self._others = tuple(others)
 
     @property

@@ -121,7 +121,7 @@ class Session:
             self._adopt(mounted, self.configuration.friction)
 
     def set_free(self, free: bool) -> None:
-        """Take note that from now on the fingers move free of objects, or not."""
+        """Record that from now on the fingers move free of objects, or not."""
         self._free = free
 
     @property
@@ -266,7 +266,7 @@ class Session:
     def _observe(
         self, in_use: ActiveConfiguration, tendon: TendonInput, measured: MeasuredFinger, predicted_n: float
     ) -> None:
-        """Have a finger's monitor and learner take one instant."""
+        """Pass one instant to a finger's monitor and learner."""
         slot, pulling = measured.finger, tendon.velocity > PAYING_OUT
         sample = ClosingInstant(
             tendon.stamp, 1e3 * tendon.pulled_length_m, 1e3 * np.array(measured.tip), tendon.tension, predicted_n

@@ -55,7 +55,7 @@ class Ordering(StrEnum):
 
 
 class Method(StrEnum):
-    """What undoes the constant matrix: a direct factor, or multigrid, whose cost grows with the mesh and not faster."""
+    """Solver for the constant matrix: a direct factor, or multigrid, whose cost grows with the mesh and not faster."""
 
     AUTOMATIC = "automatic"
     DIRECT = "direct"
@@ -332,7 +332,7 @@ class Solver:
         self._core.set_thesis_state(omega, last_strain)
 
     def set_friction(self, cable: int, friction: FrictionLaw) -> None:
-        """Have a cable rub by another law from now on; matrix and factor stay, as friction acts on forces only."""
+        """Set the friction law of a cable; matrix and factor stay, as friction acts on forces only."""
         changed = replace(self.cables[cable], friction=friction)
         self.cables = (*self.cables[:cable], changed, *self.cables[cable + 1 :])
         self._core.set_friction(cable, *friction_numbers(friction))

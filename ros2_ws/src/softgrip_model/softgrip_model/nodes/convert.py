@@ -84,7 +84,7 @@ def active_friction(message: FrictionModel) -> ActiveFriction:
     if message.verdict == FrictionModel.UNSET:
         raise FingerError(f"friction model {message.id!r}: expected a verdict, found none; calibrate (rig/calibrate)")
     if message.verdict not in _USABLE:
-        raise FingerError(f"friction model {message.id!r} says of itself not to use it: {message.reason}")
+        raise FingerError(f"friction model {message.id!r} is marked do-not-use: {message.reason}")
     accepted = accept(message)
     return ActiveFriction(message.id, accepted.law, accepted.covariance, accepted.digest)
 
@@ -99,7 +99,7 @@ def mounted_profiles(message: CellState) -> dict[str, str]:
 
 
 def is_free(message: CellState) -> bool:
-    """Say whether closings in this mode meet no object."""
+    """Return whether closings in this mode meet no object."""
     return message.mode not in _NOT_FREE
 
 

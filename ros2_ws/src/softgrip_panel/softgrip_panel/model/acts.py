@@ -154,7 +154,7 @@ def swap(finger_set: str, serials: Sequence[str] = ()) -> Act:
 
 
 def confirm_step(step: str, token: str, serials: Sequence[str] = ()) -> Act:
-    """Say that a step of the swap is done."""
+    """Confirm that a step of the swap is done."""
     call = _service(
         "cell/confirm_step",
         f"{_INTERFACES}/srv/ConfirmStep",
@@ -190,7 +190,7 @@ def calibrate(
 
 
 def confirm_rig() -> Act:
-    """Say that angle and weight are set."""
+    """Confirm that angle and weight are set."""
     return Act("confirm_rig", _service("rig/confirm", _TRIGGER))
 
 

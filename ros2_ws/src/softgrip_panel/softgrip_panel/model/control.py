@@ -99,7 +99,7 @@ class ControlDesk:
         return asked_by
 
     def give_back(self, person: Person) -> None:
-        """Have control no longer."""
+        """Give control up."""
         if self.has(person):
             self._owner = None
             if self.view.asked_by is not None:

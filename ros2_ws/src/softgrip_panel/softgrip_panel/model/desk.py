@@ -105,7 +105,7 @@ class ActDesk:
         return self._change_control(person, "hand_over", lambda desk: f"{desk.hand_over(person).name} has control")
 
     def give_back(self, person: Person) -> ActResult:
-        """Have control no longer."""
+        """Give control up."""
 
         def give(desk: ControlDesk) -> str:
             desk.give_back(person)

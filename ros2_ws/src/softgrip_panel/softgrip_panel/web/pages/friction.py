@@ -66,7 +66,7 @@ def _now(page: Page) -> None:
 
 
 def _confirm(page: Page) -> None:
-    """Say that angle and weight are set; on the emulated rig the emulated hands set them first."""
+    """Confirm that angle and weight are set; on the emulated rig the emulated hands set them first."""
     rig = page.state.rig
 
     def then(result: ActResult) -> None:

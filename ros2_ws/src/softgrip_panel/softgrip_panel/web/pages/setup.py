@@ -127,7 +127,7 @@ def _state_text(page: Page, tendon: object) -> str:
 
 
 def _ask_transitions(page: Page, name: str, ways: dict[str, tuple[str, ...]]) -> None:
-    """Say what will happen, then make the driver's transitions one after the other; a refused one ends the way."""
+    """Show what will happen, then make the driver's transitions one after the other; a refused one ends the way."""
     left = list(ways.get(page.state.bench.phase, ()))
     with ui.dialog() as dialog, ui.card().classes("dialog"):
         text_element("h2", page.t(f"setup.{name}_title"))
