@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import os
 import signal
 import subprocess
@@ -16,11 +15,10 @@ from pathlib import Path
 
 import pytest
 
+from softgrip_testing.free_domains import FreeDomains
 from softgrip_testing.process_table import node_processes, session_processes
 
-#: Domains 60..99 are the tests'; each test process takes its own ten.
-_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")) % 4
-_DOMAINS = itertools.count(60 + 10 * _WORKER)
+_DOMAINS = FreeDomains(start=os.getpid())
 
 
 def environment_of(domain: int, folder: Path) -> dict[str, str]:
@@ -122,9 +120,12 @@ class Launched:
 
 def _launches(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
     launched: list[Launched] = []
+    taken: list[int] = []
 
     def start(*arguments: str, domain: int | None = None) -> Launched:
-        domain = next(_DOMAINS) if domain is None else domain
+        if domain is None:
+            domain = _DOMAINS.take_domain()
+            taken.append(domain)
         has_place = any(argument.startswith("wire_dir:=") for argument in arguments)
         place = [f"wire_dir:={tmp_path}/wires-{domain}"] if "launch" in arguments and not has_place else []
         if "launch" in arguments and not any(argument.startswith("panel:=") for argument in arguments):
@@ -136,6 +137,8 @@ def _launches(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
     yield start
     for one in launched:
         one.close()
+    for domain in taken:
+        _DOMAINS.release(domain)
 
 
 @pytest.fixture
@@ -145,9 +148,12 @@ def launch(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
 
 
 @pytest.fixture
-def two_environments(tmp_path: Path) -> tuple[dict[str, str], dict[str, str]]:
+def two_environments(tmp_path: Path) -> Iterator[tuple[dict[str, str], dict[str, str]]]:
     """Return the environments of two domains that nobody else is in."""
-    return environment_of(next(_DOMAINS), tmp_path), environment_of(next(_DOMAINS), tmp_path)
+    domains = (_DOMAINS.take_domain(), _DOMAINS.take_domain())
+    yield environment_of(domains[0], tmp_path), environment_of(domains[1], tmp_path)
+    for domain in domains:
+        _DOMAINS.release(domain)
 
 
 @pytest.fixture(scope="module")

@@ -415,7 +415,13 @@ class GripperController:
         for name in names:
             owner, drive = self.ownership.owner_of(name, now), self.drives[name]
             if owner and (drive.busy or (drive.holds_tension and not drive.is_released)):
-                return f"tendon '{name}' is owned by {owner} and taut or moving; release it first (tendon/release)"
+                remedy = (
+                    "release it first (tendon/release)"
+                    if drive.homed
+                    else f"without a zero it cannot be released slowly: have {owner} give its lease back "
+                    "(tendon/lease_release), or switch the drives off (lifecycle: deactivate)"
+                )
+                return f"tendon '{name}' is owned by {owner} and taut or moving; {remedy}"
         return ""
 
     def _wrong(self, request: MoveRequest, names: Sequence[str], targets: Sequence[float]) -> str:

@@ -16,6 +16,7 @@ from softgrip_model.digest import text_digest
 from softgrip_model.finger.diagnosis import CauseWatch
 from softgrip_model.finger.learning import FingerLearner, Knowledge
 from softgrip_model.finger.predictor import Configuration
+from softgrip_model.finger.room_temperature import RoomTemperature
 from softgrip_model.finger.wear import WearMonitor
 
 
@@ -28,12 +29,14 @@ class ActiveConfiguration:
         monitors: judges of their wear, by slot.
         free: the fingers are free of objects.
         learners: what their closings have taught, by slot; empty: nothing is learnt.
+        room: what the thermometer said last; None: there is none.
     """
 
     configuration: Configuration
     monitors: Mapping[str, WearMonitor | CauseWatch]
     free: bool
     learners: Mapping[str, FingerLearner] = field(default_factory=dict)
+    room: RoomTemperature | None = None
 
     def known(self, stamp: int) -> dict[str, Knowledge]:
         """Return what a prediction at a stamp [ns] knows of each finger."""
@@ -41,7 +44,7 @@ class ActiveConfiguration:
 
     @property
     def digest(self) -> str:
-        """Name of everything here but the friction, the monitors and what was learnt."""
+        """Name of everything here that predictions go by, but the friction and what was learnt."""
         digest = self.configuration.digest
         return digest if self.free else text_digest(f"{digest};not free")
 

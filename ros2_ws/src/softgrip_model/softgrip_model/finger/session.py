@@ -24,6 +24,7 @@ from softgrip_model.finger.predictor import (
     TendonReading,
     Validity,
 )
+from softgrip_model.finger.room_temperature import RoomTemperature
 from softgrip_model.finger.uncertainty import PRIOR, Uncertainty
 from softgrip_model.finger.wear import WearMonitor, WearSettings, WearVerdict
 from softgrip_model.profile import Profile
@@ -94,6 +95,7 @@ class Session:
         self._learned: ActiveFriction | None = None
         self._matchers: dict[str, Matcher[MeasuredFinger]] = {}
         self._free = True
+        self._room: RoomTemperature | None = None
         self._timeline = Timeline()
         self._joint_model = joint_model
         self._uncertainty = uncertainty
@@ -124,10 +126,14 @@ class Session:
         """Record that from now on the fingers move free of objects, or not."""
         self._free = free
 
+    def set_room(self, room: RoomTemperature) -> None:
+        """Take note of the temperature: closings from now on are made in it."""
+        self._room = room
+
     @property
     def in_use(self) -> ActiveConfiguration:
         """What a tendon sample that comes now is predicted and judged with."""
-        return ActiveConfiguration(self.configuration, self._monitors, self._free, self._learners)
+        return ActiveConfiguration(self.configuration, self._monitors, self._free, self._learners, self._room)
 
     def take_learnt(self) -> list[tuple[str, Knowledge]]:
         """Return slot and knowledge of every closing that was learnt from since the last call."""
@@ -271,7 +277,8 @@ class Session:
         sample = ClosingInstant(
             tendon.stamp, 1e3 * tendon.pulled_length_m, 1e3 * np.array(measured.tip), tendon.tension, predicted_n
         )
-        in_use.monitors[slot].add(sample, pulling=pulling, free=in_use.free)
+        temperature_c = in_use.room.at(tendon.stamp) if in_use.room else math.nan
+        in_use.monitors[slot].add(sample, pulling=pulling, free=in_use.free, temperature_c=temperature_c)
         if slot in in_use.learners:
             learnt = in_use.learners[slot].add(sample, pulling=pulling, free=in_use.free)
             if learnt is not None:
