@@ -56,6 +56,12 @@ class Point:
     peer: float
     warmth: str
     speed: float
+    supply_v: float
+
+    @property
+    def error(self) -> float:
+        """What was estimated too much [N]."""
+        return self.estimated - self.true
 
 
 def servo_of(found: TorqueCalibration | None = None) -> ServoConfiguration:
@@ -111,7 +117,8 @@ def lift(
         pulls = [reading.pull for reading, *_ in seen]
         stddevs = [reading.tension_stddev for reading, *_ in seen]
         peer_pull = statistics.fmean(pull for _, pull, _ in seen)
-        yield Point(stand.pull_n, statistics.fmean(pulls), statistics.fmean(stddevs), peer_pull, warmth, speed)
+        yield Point(stand.pull_n, statistics.fmean(pulls), statistics.fmean(stddevs), peer_pull, warmth, abs(speed),
+                    stand.supply_v)  # fmt: skip
 
 
 def rms(values: list[float]) -> float:
@@ -133,22 +140,35 @@ def tension_points() -> list[Point]:
     return points
 
 
+def row(points: list[Point]) -> str:
+    """Return the error of some lifts beside the deviation that the driver states [N]."""
+    return f"{rms([p.error for p in points]):.2f} ({statistics.fmean(p.stddev for p in points):.2f})"
+
+
+def rows(points: list[Point]) -> Iterator[str]:
+    """Yield errors with the stated deviation: of each tension with each winding, of each speed, of each supply."""
+    for tension in TENSIONS_N:
+        here = [p for p in points if p.true == tension]
+        yield f"{tension:g} N: " + ", ".join(
+            f"{row([p for p in here if p.warmth == kind])} {kind}" for kind in WARMTHS_C
+        )
+    for speed in SPEEDS_M_S:
+        yield f"{1e3 * speed:g} mm/s: {row([p for p in points if p.speed == speed])}"
+    for supply_v in SUPPLIES_V:
+        yield f"{supply_v:g} V: {row([p for p in points if p.supply_v == supply_v])}"
+
+
 def claim_tension() -> None:
     """Print the claim of the lifts."""
     points = tension_points()
-    errors = {warmth: [p.estimated - p.true for p in points if p.warmth == warmth] for warmth in WARMTHS_C}
-    within = statistics.fmean(abs(p.estimated - p.true) <= 2.0 * p.stddev for p in points)
-    rows = []
-    for tension in TENSIONS_N:
-        here = [p for p in points if p.true == tension]
-        rows.append(f"{tension:g} N: {rms([p.estimated - tension for p in here]):.2f} "
-                    f"(stated {statistics.fmean(p.stddev for p in here):.2f})")  # fmt: skip
+    errors = {warmth: [p.error for p in points if p.warmth == warmth] for warmth in WARMTHS_C}
+    within = statistics.fmean(abs(p.error) <= 2.0 * p.stddev for p in points)
     claim(
         "tension error", rms(errors["cool"] + errors["warm"]), "N", better="lower", goal=0.5, runs=len(points),
         peer="Present Current taken for the winding's, calibrated with the same weights",
         peer_value=rms([p.peer - p.true for p in points]),
         note=f"root mean square; cool {rms(errors['cool']):.2f}, warm {rms(errors['warm']):.2f} N; "
-        f"{100.0 * within:.0f} % within twice the stated deviation; {'; '.join(rows)}",
+        f"{100.0 * within:.0f} % within twice the stated deviation; {'; '.join(rows(points))}",
     )  # fmt: skip
 
 
