@@ -184,6 +184,7 @@ SUDO := $(if $(filter 0,$(shell id -u)),,sudo)
 udev:  ## the rules for a bench's serial ports, into /etc/udev/rules.d: latency of USB adapters, rights, and the names that name_ports wrote (UDEV_NAMES=file)
 	$(SUDO) install -D -m 644 $(SRC)/softgrip_driver/udev/60-softgrip.rules $(UDEV_RULES)/60-softgrip.rules
 	@if [ -e $(UDEV_NAMES) ]; then $(SUDO) install -D -m 644 $(UDEV_NAMES) $(UDEV_RULES)/61-softgrip-names.rules; fi
+	@if udevadm verify --help >/dev/null 2>&1; then udevadm verify $(UDEV_RULES)/6[01]-softgrip*.rules; fi  # systemd 254 and later
 	@if udevadm control --ping 2>/dev/null; then $(SUDO) udevadm control --reload && $(SUDO) udevadm trigger; \
 	else echo "udev does not run here: plug the adapters in again once it does"; fi
 

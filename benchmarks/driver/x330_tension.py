@@ -2,7 +2,7 @@
 """Tension of an XL330 from what it measures: the current of its supply, its duty cycle, its voltage.
 
 An emulated servo (ratings of the data sheet, copper that warms, gears with friction) is calibrated by
-`calibrate_tension` with six weights, cool, at 5 V and two speeds. Then it lifts and lets down 0.5 to 25 N at three
+`calibrate_tension` with six weights, cool, at 5 V and its own speeds. Then it lifts and lets down 0.5 to 25 N at three
 speeds and five supply voltages, with a winding that is cool or 45 K warmer (and its sensor 20 K): the driver's estimate
 beside the weight. The peer takes Present Current for the winding's, calibrated from the same weights.
 
@@ -16,13 +16,19 @@ import contextlib
 import io
 import math
 import statistics
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from _weight_stand import RADIUS_M, WeightStand
 
-from softgrip_driver.commands.calibrate_tension import TorqueCalibration, Weight, calibrate, measure
+from softgrip_driver.commands.calibrate_tension import (
+    WEIGHT_PACES,
+    TorqueCalibration,
+    Weight,
+    calibrate,
+    measure,
+)
 from softgrip_driver.commands.tension_recording import TensionSample
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
@@ -42,8 +48,11 @@ SUPPLIES_V = (3.7, 4.4, 5.0, 5.5, 6.0)
 WARMTHS_C = {"cool": (24.0, 24.0), "warm": (69.0, 44.0)}
 COPIES = (1, 2, 3)
 HOMED_CELLS = (1, 2, 3)
-#: [s] of a steady lift that is looked at, after [s] of getting up to speed
-SEEN_S, RUN_UP_S = 0.2, 0.3
+#: [s] of a steady lift that is looked at, after [s] and [m] of getting up to speed: position control lifts a weight
+#: once its goal is some millimetres away
+SEEN_S, RUN_UP_S, RUN_UP_M = 0.2, 0.3, 0.004
+#: share by which the speed of a steady lift may be off
+STEADY = 0.2
 
 
 @dataclass(frozen=True)
@@ -56,6 +65,12 @@ class Point:
     peer: float
     warmth: str
     speed: float
+    supply_v: float
+
+    @property
+    def error(self) -> float:
+        """What was estimated too much [N]."""
+        return self.estimated - self.true
 
 
 def servo_of(found: TorqueCalibration | None = None) -> ServoConfiguration:
@@ -73,7 +88,7 @@ def recorded(stand: WeightStand) -> list[TensionSample]:
         stand.warm(*WARMTHS_C["cool"])
         weight = Weight(mass)
         stand.pull_n = weight.tension()
-        samples += measure(backend, weight, 2.0 * weight.tension() + 10.0, 0.01, 0.012, 2)
+        samples += measure(backend, weight, 2.0 * weight.tension() + 10.0, 0.02, 0.006, 4, WEIGHT_PACES)
     return samples
 
 
@@ -97,21 +112,23 @@ def lifts(stand: WeightStand, servo: ServoConfiguration, peer: TorqueModel) -> I
 def lift(
     stand: WeightStand, backend: DynamixelBackend, start: float, speed: float, peer: TorqueModel, warmth: str
 ) -> Iterator[Point]:
-    """Yield the mean of one steady motion; nothing where the duty cycle has reached its end."""
+    """Yield the mean of one steady motion; nothing where there is none, or the duty cycle has reached its end."""
     began = stand.now_s
+    run_up_s = max(RUN_UP_S, RUN_UP_M / abs(speed))
     seen = []
-    while stand.now_s - began < RUN_UP_S + SEEN_S:
+    while stand.now_s - began < run_up_s + SEEN_S:
         backend.write({"t": Setpoint(start + speed * (stand.now_s - began), 45.0)})
         reading = backend.read()["t"]
         motor = backend.motor("t")
-        if stand.now_s - began > RUN_UP_S:
+        if stand.now_s - began > run_up_s:
             seen.append((reading, peer.pull(motor.current, reading.velocity, RADIUS_M)[0], abs(motor.duty)))
-    keeps_up = abs(reading.position - start - speed * (stand.now_s - began)) < 0.006
-    if keeps_up and max(duty for *_, duty in seen) < 0.95:
+    goes = statistics.fmean(reading.velocity for reading, *_ in seen)
+    if abs(goes - speed) < STEADY * abs(speed) and max(duty for *_, duty in seen) < 0.95:
         pulls = [reading.pull for reading, *_ in seen]
         stddevs = [reading.tension_stddev for reading, *_ in seen]
         peer_pull = statistics.fmean(pull for _, pull, _ in seen)
-        yield Point(stand.pull_n, statistics.fmean(pulls), statistics.fmean(stddevs), peer_pull, warmth, speed)
+        yield Point(stand.pull_n, statistics.fmean(pulls), statistics.fmean(stddevs), peer_pull, warmth, abs(speed),
+                    stand.supply_v)  # fmt: skip
 
 
 def rms(values: list[float]) -> float:
@@ -119,11 +136,10 @@ def rms(values: list[float]) -> float:
     return math.sqrt(statistics.fmean(value * value for value in values))
 
 
-def tension_points() -> list[Point]:
-    """Return all lifts of all copies."""
+def tension_points(stands: Iterable[WeightStand]) -> list[Point]:
+    """Return all lifts on some stands, each calibrated first."""
     points: list[Point] = []
-    for copy in COPIES:
-        stand = WeightStand(MODEL, copy)
+    for stand in stands:
         with contextlib.redirect_stdout(io.StringIO()):
             samples = recorded(stand)
         found = calibrate(samples, MODELS[MODEL], RADIUS_M, "weights")
@@ -133,22 +149,41 @@ def tension_points() -> list[Point]:
     return points
 
 
-def claim_tension() -> None:
-    """Print the claim of the lifts."""
-    points = tension_points()
-    errors = {warmth: [p.estimated - p.true for p in points if p.warmth == warmth] for warmth in WARMTHS_C}
-    within = statistics.fmean(abs(p.estimated - p.true) <= 2.0 * p.stddev for p in points)
-    rows = []
+def row(points: list[Point]) -> str:
+    """Return the error of some lifts beside the deviation that the driver states [N]."""
+    return f"{rms([p.error for p in points]):.2f} ({statistics.fmean(p.stddev for p in points):.2f})"
+
+
+def rows(points: list[Point]) -> Iterator[str]:
+    """Yield errors with the stated deviation: of each tension with each winding, of each speed, of each supply."""
     for tension in TENSIONS_N:
         here = [p for p in points if p.true == tension]
-        rows.append(f"{tension:g} N: {rms([p.estimated - tension for p in here]):.2f} "
-                    f"(stated {statistics.fmean(p.stddev for p in here):.2f})")  # fmt: skip
+        yield f"{tension:g} N: " + ", ".join(
+            f"{row([p for p in here if p.warmth == kind])} {kind}" for kind in WARMTHS_C
+        )
+    for speed in SPEEDS_M_S:
+        yield f"{1e3 * speed:g} mm/s: {row([p for p in points if p.speed == speed])}"
+    for supply_v in SUPPLIES_V:
+        yield f"{supply_v:g} V: {row([p for p in points if p.supply_v == supply_v])}"
+
+
+def summary(points: list[Point]) -> str:
+    """Return what is found, in words."""
+    each = ", ".join(f"{kind} {row([p for p in points if p.warmth == kind])} N" for kind in WARMTHS_C)
+    within = statistics.fmean(abs(p.error) <= 2.0 * p.stddev for p in points)
+    return (
+        f"root mean square (stated deviation); {each}; {100.0 * within:.1f} % within twice the stated deviation; "
+        f"{'; '.join(rows(points))}"
+    )
+
+
+def claim_tension() -> None:
+    """Print the claim of the lifts."""
+    points = tension_points(WeightStand(MODEL, copy) for copy in COPIES)
     claim(
-        "tension error", rms(errors["cool"] + errors["warm"]), "N", better="lower", goal=0.5, runs=len(points),
+        "tension error", rms([p.error for p in points]), "N", better="lower", goal=0.5, runs=len(points),
         peer="Present Current taken for the winding's, calibrated with the same weights",
-        peer_value=rms([p.peer - p.true for p in points]),
-        note=f"root mean square; cool {rms(errors['cool']):.2f}, warm {rms(errors['warm']):.2f} N; "
-        f"{100.0 * within:.0f} % within twice the stated deviation; {'; '.join(rows)}",
+        peer_value=rms([p.peer - p.true for p in points]), note=summary(points),
     )  # fmt: skip
 
 

@@ -8,7 +8,6 @@ asks for them, presses Enter, and appends to the cell file.
 from __future__ import annotations
 
 import json
-import re
 import shlex
 import signal
 import subprocess
@@ -18,18 +17,18 @@ from pathlib import Path
 import pytest
 
 from softgrip_description.cell_file import load_cell
+from softgrip_testing.scripts import load_script
 from softgrip_testing.terminal import CommandTerminal
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
-DOCUMENTS = Path(__file__).resolve().parents[2] / "docs" / "build"
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENTS = ROOT / "docs" / "build"
+pages = load_script(ROOT / "tools/pages/blocks.py")
 
 
 def blocks(document: str) -> list[str]:
-    """Return the indented blocks of a document: commands, and what is put into a file."""
-    text = (DOCUMENTS / document).read_text(encoding="utf-8")
-    return [
-        re.sub("^    ", "", block, flags=re.MULTILINE) for block in re.findall(r"(?:^    .*\n)+", text, re.MULTILINE)
-    ]
+    """Return the blocks of a document that a person types, or puts into a file."""
+    return [block.text for block in pages.blocks_of(DOCUMENTS / document) if block.mark != "hidden"]
 
 
 def words(line: str) -> list[str]:

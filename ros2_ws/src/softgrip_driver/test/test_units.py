@@ -67,6 +67,18 @@ def test_calibration_recovers_the_constants_it_was_made_from():
     assert model.relative_stddev < 0.02
 
 
+def test_a_quick_round_counts_by_its_way_not_by_its_few_samples():
+    """Gears rub less the faster they turn: friction is the mean over the way, 160 parts at 2 and 192 at 24 mm/s."""
+    k, radius, lifted = 0.386, 0.010, np.linspace(1.0, 24.0, 8)
+    speed = np.repeat((0.002, -0.002, 0.024, -0.024), (80, 80, 8, 8))
+    tension = np.concatenate([np.tile(lifted, 10), np.tile(lifted, 10), lifted, lifted])
+    friction = np.where(np.abs(speed) < 0.01, 0.08, 0.04)
+    currents = tension * radius / k + np.sign(speed) * friction
+    model = fit_torque_model(currents, speed, tension, radius, "weights")
+    assert model.friction_current == pytest.approx((160 * 0.08 + 192 * 0.04) / 352, rel=0.03)
+    assert model.torque_per_ampere == pytest.approx(k, rel=0.03)
+
+
 def test_calibration_says_what_is_missing():
     with pytest.raises(ConfigurationError, match="paying out"):
         fit_torque_model([0.1] * 10, [0.01] * 10, [3.0] * 10, 0.01, "x")

@@ -40,7 +40,7 @@ TEXT = """Fit the torque model of a servo, k current = tension radius + friction
 With --gauge: tie the tendon to the gauge through a spring (a few N/mm). The servo winds in and pays out slowly, several
 times, at --speed and at a third of it. It turns round at --tension of the gauge or of its own estimate, whichever comes
 first, or after --travel. With --weights: hang one after the other on the tendon when asked; each is lifted by --travel
-and let down.
+and let down, at four times --speed, too.
 
 XL330 and XC330 measure the current of their supply: resistance and back-EMF of the motor are fitted, too, and which
 current they limit is found out. Ends with the lines for the parameters of tendon_driver. With --csv a recording is
@@ -49,8 +49,10 @@ fitted instead; --record writes one."""
 PERIOD = 0.05
 #: [s] after a turn-round in which friction still turns, and nothing is recorded
 TURNING = 0.4
-#: shares of --speed, one round after the other: at one speed alone back-EMF and friction look alike
+#: shares of --speed, one round after the other: at one speed alone back-EMF and friction look alike. Gears rub less the
+#: faster they turn, so weights are lifted quickly as well; a gauge behind a spring would tell that force too late
 PACES = (1.0, 1.0 / 3.0)
+WEIGHT_PACES = (*PACES, 4.0)
 #: [m/s^2]
 GRAVITY = 9.80665
 #: [s] that a servo may take to stand at its limit, [s] that it has to stand, [m] its goal is ahead of it meanwhile
@@ -71,7 +73,13 @@ class Weight:
 
 
 def measure(
-    backend: DynamixelBackend, gauge: Gauge | Weight, tension: float, travel: float, speed: float, rounds: int
+    backend: DynamixelBackend,
+    gauge: Gauge | Weight,
+    tension: float,
+    travel: float,
+    speed: float,
+    rounds: int,
+    paces: Sequence[float] = PACES,
 ) -> list[TensionSample]:
     """Wind in and pay out several times, and return what was seen while moving steadily.
 
@@ -80,8 +88,9 @@ def measure(
         gauge: what pulls on its tendon.
         tension: [N] at which it turns round, of the gauge or of its own estimate.
         travel: [m] after which it turns round at the latest.
-        speed: [m/s] of every other round; PACES has the others'.
+        speed: [m/s] of the first round.
         rounds: in and out.
+        paces: shares of the speed, one round after the other.
 
     Raises:
         DriverError: of servo or gauge; the servo is let go on every path.
@@ -93,7 +102,7 @@ def measure(
         start = here = read_drive(backend).position
         for turn in range(2 * rounds):
             inward = turn % 2 == 0
-            pace = speed * PACES[turn // 2 % len(PACES)] * (1.0 if inward else -1.0)
+            pace = speed * paces[turn // 2 % len(paces)] * (1.0 if inward else -1.0)
             ramp = _Ramp(here, pace, 1.2 * tension, backend.bus.clock)
             while True:
                 reading = ramp.follow(backend, PERIOD)
@@ -264,7 +273,7 @@ def _measured_with_weights(backend: DynamixelBackend, options: argparse.Namespac
         input(f"hang {mass:g} kg on the tendon, so that it swings free, then press Enter: ")
         # Never turned round by tension: the servo's own estimate is what is to be measured.
         limit = 2.0 * weight.tension() + 10.0
-        samples += measure(backend, weight, limit, options.travel, options.speed, options.rounds)
+        samples += measure(backend, weight, limit, options.travel, options.speed, options.rounds, WEIGHT_PACES)
     _print_limited_current(backend, options, 0.5 * weight.tension())
     return samples
 

@@ -54,8 +54,8 @@ class DynamixelBackend(BusBackend[ServoState]):
     LIMIT_SHARE = 0.03
     #: cycles with one slow item between them where each question costs an adapter's latency
     SLOW_EVERY = 4
-    #: [s] of plain sync reads after a fast one failed
-    PLAIN_PERIOD = 1.0
+    #: [s] of plain sync reads after a fast one failed, and at most, where only those are answered again and again
+    PLAIN_PERIOD, LONGEST_PLAIN_PERIOD = 1.0, 60.0
     #: cycles without any answer from which, and up to which, a packet that all wait for the rest of is pushed through;
     #: [s] of it in a cycle: at 1 Mbaud 250 bytes, and no packet is longer than 1 kB
     DEAF_FROM, DEAF_TO = 1, 7
@@ -79,7 +79,7 @@ class DynamixelBackend(BusBackend[ServoState]):
         )
         self._write_eeprom = write_eeprom
         self._report = report
-        self._plain_until = 0.0
+        self._plain_until, self._plain_period = 0.0, self.PLAIN_PERIOD
         self._turn = 0
         self._cycles = 0
         self._slow_every = 1
@@ -198,13 +198,7 @@ class DynamixelBackend(BusBackend[ServoState]):
             for live in self._live.values():
                 live.suspect = live.stalled = True
         present = self._present()
-        ids = [live.servo.servo_id for live in present]
-        if self.fast and now >= self._plain_until:
-            replies = self.bus.fast_sync_read(ids, *FAST_BLOCK)
-            if not replies:
-                self._plain_until = now + self.PLAIN_PERIOD
-        else:
-            replies = self.bus.sync_read(ids, *FAST_BLOCK)
+        replies = self._read_block([live.servo.servo_id for live in present], now)
         self._wake(heard=bool(replies))
         readings = {}
         for live in present:
@@ -216,6 +210,24 @@ class DynamixelBackend(BusBackend[ServoState]):
         self._probe(now, readings)
         self._read_slowly(readings)
         return readings
+
+    def _read_block(self, ids: Sequence[int], now: float) -> dict[int, BusReply]:
+        """Read all in one answer; where nobody gives one, in an answer each, for longer every time that this helps.
+
+        A servo that says that it has the fast read and has not would else cost a cycle each second.
+        """
+        if not self.fast or now < self._plain_until:
+            replies = self.bus.sync_read(ids, *FAST_BLOCK)
+            if not replies:  # nobody answers that either
+                self._plain_period = self.PLAIN_PERIOD
+            return replies
+        replies = self.bus.fast_sync_read(ids, *FAST_BLOCK)
+        if replies:
+            self._plain_period = self.PLAIN_PERIOD
+        else:
+            self._plain_until = now + self._plain_period
+            self._plain_period = min(2.0 * self._plain_period, self.LONGEST_PLAIN_PERIOD)
+        return replies
 
     def write(self, setpoints: Mapping[str, Setpoint]) -> None:
         """Write goal positions, and before them the tension limits where they changed."""

@@ -104,7 +104,7 @@ def fit_torque_model(
     """Fit a torque model to tensions of a load cell by least squares.
 
     T = (k i - k i_f sign v - k s v - eta T r sign v) / r is linear in all four. A friction that comes out below zero is
-    none.
+    none. Points count by their speed.
 
     Args:
         currents: [A] of the winding, + pulls.
@@ -124,7 +124,9 @@ def fit_torque_model(
     columns: dict[str, Array] = {"current": i, "friction": -direction, "load": -direction * force}
     if np.abs(speed).max() >= MIN_SPEED_RATIO * np.abs(speed).min():
         columns["slope"] = -speed
-    columns, values = _least_squares(columns, force)
+    # Samples come at even times. Each counts by the way that it stands for, or quick rounds would count for nothing.
+    weight = np.sqrt(np.abs(speed) / np.abs(speed).mean())
+    columns, values = _least_squares({name: weight * column for name, column in columns.items()}, weight * force)
     slope = float(values[0])
     if slope <= 0.0:
         raise ConfigurationError(
@@ -132,7 +134,7 @@ def fit_torque_model(
             "check the direction sign of the tendon and the sign of the load cell"
         )
     design = np.column_stack(list(columns.values()))
-    residual = force - design @ values
+    residual = weight * force - design @ values
     variance = float(residual @ residual) / max(1, len(i) - len(columns))
     slope_variance = variance * float(np.linalg.inv(design.T @ design)[0, 0])
     # One number for both: scatter of single readings about the line, relative to the mean force, and the slope's own.
