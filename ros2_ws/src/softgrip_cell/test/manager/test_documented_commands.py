@@ -19,7 +19,7 @@ from softgrip_interfaces.msg import CellState, MountedFinger
 pytestmark = pytest.mark.ros
 
 PAGE = (Path(__file__).parents[5] / "docs" / "cell.md").read_text()
-LINES = re.findall(r"^    (ros2 .+)$", PAGE, re.MULTILINE)
+LINES = re.findall(r"^(ros2 .+)$", PAGE, re.MULTILINE)
 TIMEOUT_S = 60.0
 
 
