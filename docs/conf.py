@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tools" / "docs"))
+sys.path.insert(0, str(ROOT / "tools" / "pages"))
 
 project = "softgrip"
 author = "softgrip maintainers"
@@ -24,6 +24,8 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
+    "site_links",
+    "site_math",
 ]
 
 include_patterns = [
@@ -50,6 +52,8 @@ exclude_patterns = [
 myst_heading_anchors = 4
 myst_enable_extensions = ["colon_fence", "deflist", "attrs_inline"]
 myst_links_external_new_tab = False
+myst_fence_as_directive = ["math"]
+html_math_renderer = "mathml"
 
 # Docstrings name types of numpy, rclpy and the standard library; without a network nothing can resolve those.
 nitpicky = False
