@@ -69,6 +69,7 @@ napoleon_use_ivar = True
 # a package's face and its module both show a class that both name
 suppress_warnings = ["ref.python"]
 
+default_role = "py:obj"  # `Name` in a docstring
 smartquotes = False  # -- and quotation marks of commands stay what has to be typed
 
 html_theme = "furo"
@@ -86,9 +87,14 @@ html_theme_options = {
 pygments_style = "friendly"
 
 
-def _without_substitutions(_app: Any, _what: str, _name: str, _obj: Any, _options: Any, lines: list[str]) -> None:
-    """Keep |x| of the formulas in docstrings from being read as a substitution of reStructuredText."""
-    lines[:] = [re.sub(r"(``[^`]*``)|\|", lambda found: found[1] or r"\|", line) for line in lines]
+def _as_rest(_app: Any, _what: str, _name: str, _obj: Any, _options: Any, lines: list[str]) -> None:
+    """Link the pages that docstrings name, and keep |x| of their formulas from being read as a substitution."""
+
+    def changed(found: re.Match[str]) -> str:
+        literal, page = found[1], found[2]
+        return literal or (f":doc:`/docs/{page}`" if page else r"\|")
+
+    lines[:] = [re.sub(r"(``[^`]*``|`[^`]*`)|\bdocs/([\w/-]+)\.md\b|\|", changed, line) for line in lines]
 
 
 def _with_values(_app: Any, what: str, _name: str, obj: Any, _options: Any, lines: list[str]) -> None:
@@ -99,5 +105,5 @@ def _with_values(_app: Any, what: str, _name: str, obj: Any, _options: Any, line
 
 def setup(app: Any) -> None:
     """Connect."""
-    app.connect("autodoc-process-docstring", _without_substitutions, priority=400)
+    app.connect("autodoc-process-docstring", _as_rest, priority=400)
     app.connect("autodoc-process-docstring", _with_values, priority=900)

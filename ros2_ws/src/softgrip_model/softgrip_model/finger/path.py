@@ -34,7 +34,7 @@ class JointLimit:
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane that a point of the finger stays in front of: normal . point >= offset, in the base frame.
+    """A plane that a point of the finger stays in front of: in the base frame, normal dot point >= offset.
 
     Attributes:
         normal: unit, towards the free side.
