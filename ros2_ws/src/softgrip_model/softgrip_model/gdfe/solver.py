@@ -80,14 +80,24 @@ class Supports:
         return cls(np.zeros((nodes, 3), dtype=bool))
 
     def with_prescribed(self, nodes: Index, axes: str = "xyz") -> Supports:
-        """Return these supports and prescribed displacements of nodes along axes."""
+        """Return these supports and prescribed displacements of nodes along axes.
+
+        Args:
+            nodes: their numbers; `Mesh.nodes_where` finds them.
+            axes: some of ``xyz``. How far they are led is said to `Solver.solve`; nothing said holds them.
+        """
         prescribed = self.prescribed.copy()
         for axis in axes:
             prescribed[nodes, "xyz".index(axis)] = True
         return Supports(prescribed, self.tied)
 
     def with_tied(self, nodes: Index, axis: str) -> Supports:
-        """Return these supports and nodes tied along an axis."""
+        """Return these supports and nodes tied along an axis: they move by one displacement, which is unknown.
+
+        Args:
+            nodes: their numbers.
+            axis: ``x``, ``y`` or ``z``.
+        """
         return Supports(self.prescribed, (*self.tied, ("xyz".index(axis), nodes)))
 
     def maps(self) -> list[Index]:
