@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tools" / "docs"))
+sys.path.insert(0, str(ROOT / "tools" / "pages"))
 
 project = "softgrip"
 author = "softgrip maintainers"
@@ -24,6 +24,8 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
+    "site_links",
+    "site_math",
 ]
 
 include_patterns = [
@@ -50,6 +52,8 @@ exclude_patterns = [
 myst_heading_anchors = 4
 myst_enable_extensions = ["colon_fence", "deflist", "attrs_inline"]
 myst_links_external_new_tab = False
+myst_fence_as_directive = ["math"]
+html_math_renderer = "mathml"
 
 # Docstrings name types of numpy, rclpy and the standard library; without a network nothing can resolve those.
 nitpicky = False
@@ -65,6 +69,7 @@ napoleon_use_ivar = True
 # a package's face and its module both show a class that both name
 suppress_warnings = ["ref.python"]
 
+default_role = "py:obj"  # `Name` in a docstring
 smartquotes = False  # -- and quotation marks of commands stay what has to be typed
 
 html_theme = "furo"
@@ -82,9 +87,14 @@ html_theme_options = {
 pygments_style = "friendly"
 
 
-def _without_substitutions(_app: Any, _what: str, _name: str, _obj: Any, _options: Any, lines: list[str]) -> None:
-    """Keep |x| of the formulas in docstrings from being read as a substitution of reStructuredText."""
-    lines[:] = [re.sub(r"(``[^`]*``)|\|", lambda found: found[1] or r"\|", line) for line in lines]
+def _as_rest(_app: Any, _what: str, _name: str, _obj: Any, _options: Any, lines: list[str]) -> None:
+    """Link the pages that docstrings name, and keep |x| of their formulas from being read as a substitution."""
+
+    def changed(found: re.Match[str]) -> str:
+        literal, page = found[1], found[2]
+        return literal or (f":doc:`/docs/{page}`" if page else r"\|")
+
+    lines[:] = [re.sub(r"(``[^`]*``|`[^`]*`)|\bdocs/([\w/-]+)\.md\b|\|", changed, line) for line in lines]
 
 
 def _with_values(_app: Any, what: str, _name: str, obj: Any, _options: Any, lines: list[str]) -> None:
@@ -95,5 +105,5 @@ def _with_values(_app: Any, what: str, _name: str, obj: Any, _options: Any, line
 
 def setup(app: Any) -> None:
     """Connect."""
-    app.connect("autodoc-process-docstring", _without_substitutions, priority=400)
+    app.connect("autodoc-process-docstring", _as_rest, priority=400)
     app.connect("autodoc-process-docstring", _with_values, priority=900)

@@ -12,6 +12,7 @@ import numpy as np
 
 from softgrip_bag.definition import decode, parse_definitions
 from softgrip_bag.reader import attachments, read, topic_summaries
+from softgrip_time.units import to_s
 from softgrip_vision import calibration
 from softgrip_vision.finger import TrackerOptions
 from softgrip_vision.layout import FingerSetup, read_chains
@@ -43,7 +44,7 @@ def main(bag: Path = BAG) -> list[FingerReading]:
     found = []
     for stamp_ns, frame in messages(bag, FRAMES):
         pixels = cv2.imdecode(np.frombuffer(bytes(frame["data"]), np.uint8), cv2.IMREAD_COLOR)
-        (reading,) = tracker.measure(pixels, 1e-9 * stamp_ns)
+        (reading,) = tracker.measure(pixels, to_s(stamp_ns))
         found.append(reading)
         if reading.pose is not None:
             angles, stddev = np.degrees(reading.pose.angles), np.degrees(reading.pose.angles_stddev)

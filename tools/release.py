@@ -2,7 +2,8 @@
 """Give every package a version: `python tools/release.py 0.3.0`, then commit and tag as it prints.
 
 What stands under Unreleased in the changelog goes into that version's section, which is made where there is none.
-Without a version it checks that all packages have the same one.
+Without a version it checks that all packages have the same one. `--notes v0.3.0` is for the tag's own workflow: it
+prints the section of the changelog, and fails where the packages have another version than the tag.
 """
 
 from __future__ import annotations
@@ -64,6 +65,36 @@ def released(text: str, version: str, date: str) -> str:
     return (head + "## [Unreleased]\n\n" + "".join(rest)).rstrip() + "\n"
 
 
+def notes(text: str, tag: str) -> str:
+    """Return what a changelog says of the version of a tag, without its title.
+
+    Raises:
+        ValueError: the tag is no v and a version, or the changelog has no section of it.
+    """
+    version = tag.removeprefix("v")
+    if tag == version or not VERSION.fullmatch(version):
+        raise ValueError(f"expected a tag such as v0.3.0, found {tag!r}")
+    for section in re.split(r"^(?=## \[)", text, flags=re.MULTILINE):
+        title, _, body = section.partition("\n")
+        if title.startswith(f"## [{version}]"):
+            return body.strip() + "\n"
+    raise ValueError(f"expected a section of {version} in CHANGELOG.md, found none: python tools/release.py {version}")
+
+
+def _print_notes(tag: str) -> int:
+    """Print the notes of a tag whose version all packages have."""
+    try:
+        text = notes((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), tag)
+    except ValueError as error:
+        print(error, file=sys.stderr)
+        return 2
+    if set(versions().values()) != {tag.removeprefix("v")}:
+        print(f"expected packages of {tag}, found {', '.join(sorted(set(versions().values())))}", file=sys.stderr)
+        return 1
+    print(text, end="")
+    return 0
+
+
 def _entries(section: str) -> dict[str, str]:
     """Return kind of change -> its entries."""
     kinds = re.split(r"^### (.*)$", section, flags=re.MULTILINE)[1:]
@@ -74,7 +105,11 @@ def main() -> int:
     """Write or check versions."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("version", nargs="?", help="such as 0.2.0")
-    requested: str | None = parser.parse_args().version
+    parser.add_argument("--notes", metavar="TAG", help="print what the changelog says of a tag's version")
+    options = parser.parse_args()
+    if options.notes:
+        return _print_notes(options.notes)
+    requested: str | None = options.version
     if requested is None:
         found = sorted(set(versions().values()))
         print(f"{len(versions())} files: {', '.join(found)}")

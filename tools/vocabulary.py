@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Check that identifiers use the field's words (docs/glossary.md): `python tools/vocabulary.py`, part of `make lint`.
 
-Two rules. A word of daily life where the field has a term is no part of an identifier. A public class name stands for
-one class in the workspace. What is still to be renamed stands in tools/vocabulary_pending.txt, which may only become
-shorter: an entry that no longer occurs is an error, too.
+Three rules. A word of daily life where the field has a term is no part of an identifier. A public class name stands for
+one class in the workspace. No method is a verb that says nothing without its object (`see`, `take`). What is still to
+be renamed stands in tools/vocabulary_pending.txt, which may only become shorter: an entry that no longer occurs is an
+error, too.
 """
 
 from __future__ import annotations
@@ -67,6 +68,9 @@ ALLOWED = {
     "topmost",
 }
 
+#: Verbs that say nothing alone: a method has an object behind them, so that a search finds it and no other.
+BARE_VERBS = frozenset({"answer", "begin", "keep", "look", "note", "say", "see", "take", "tell"})
+
 
 def words(identifier: str) -> list[str]:
     """Return the words of an identifier in lower case: snake_case and CamelCase taken apart."""
@@ -110,17 +114,29 @@ def identifiers(path: Path) -> set[str]:
     return {token.string for token in tokens if token.type == tokenize.NAME and not token.string.startswith("test_")}
 
 
-def public_classes() -> dict[str, list[str]]:
-    """Return where each public class of the workspace's packages is defined, tests left out."""
-    found: dict[str, list[str]] = collections.defaultdict(list)
+def classes() -> Iterator[tuple[str, ast.ClassDef]]:
+    """Give file and definition of every class of the workspace's packages, tests left out."""
     for path in python_files():
         parts = path.relative_to(ROOT).parts
-        if parts[:2] != ("ros2_ws", "src") or "test" in parts:
-            continue
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                found[node.name].append("/".join(parts[2:]))
+        if parts[:2] == ("ros2_ws", "src") and "test" not in parts:
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                if isinstance(node, ast.ClassDef):
+                    yield "/".join(parts[2:]), node
+
+
+def public_classes() -> dict[str, list[str]]:
+    """Return where each public class is defined."""
+    found: dict[str, list[str]] = collections.defaultdict(list)
+    for where, node in classes():
+        if not node.name.startswith("_"):
+            found[node.name].append(where)
     return found
+
+
+def bare_methods(node: ast.ClassDef) -> list[str]:
+    """Return the methods of a class that are a bare verb; a file's `tell` is Python's own."""
+    names = [one.name for one in node.body if isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef)]
+    return [name for name in names if name in BARE_VERBS and not (name == "tell" and "write" in names)]
 
 
 def found_problems() -> dict[str, str]:
@@ -135,6 +151,10 @@ def found_problems() -> dict[str, str]:
     for name, places in public_classes().items():
         if len(places) > 1:
             problems[f"class {name}"] = f"class {name}: expected one, found {len(places)}: {', '.join(places)}"
+    for where, node in classes():
+        for name in bare_methods(node):
+            text = f"{where}: {node.name}.{name}: expected a verb with its object, found the verb alone"
+            problems[f"{node.name}.{name}"] = text
     return problems
 
 

@@ -30,6 +30,7 @@ from softgrip_bag.reader import bag_files, read
 from softgrip_bag.repair import is_broken, repair
 from softgrip_bag.writer import BagWriter, Topic
 from softgrip_testing.benchmark_claim import claim, spread
+from softgrip_time.units import to_s
 
 GOAL_S = 0.5
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
@@ -91,7 +92,7 @@ def kill_once(folder: Path, after_s: float) -> float:
     """Have a writer killed so long [s] after its first message is on the disk; returns the seconds lost."""
     given = stop_once(folder, after_s, signal.SIGKILL)
     last = check(folder)
-    return (given - last) * 1e-9
+    return to_s(given - last)
 
 
 def check(folder: Path) -> int:
@@ -120,7 +121,7 @@ def cut_once(whole: Path, size: int, folder: Path) -> float:
     last = check(folder)
     first, times, ends = _chunks(bag_files(whole)[0])
     at = min(bisect.bisect_left(ends, size), len(times) - 1)
-    return (times[at] - (last or first)) * 1e-9
+    return to_s(times[at] - (last or first))
 
 
 def _chunks(path: Path) -> tuple[int, list[int], list[int]]:

@@ -32,6 +32,7 @@ from softgrip_bag.reader import topic_summaries
 from softgrip_bag.writer import BagWriter, Topic
 from softgrip_testing.benchmark_claim import claim, spread
 from softgrip_testing.process_table import processor_s
+from softgrip_time.units import to_ns
 
 JOINT_TOPICS = 8
 RATES_HZ = {"joints": 1000.0, "image": 60.0, "shape": 60.0}
@@ -83,7 +84,7 @@ def traffic(kinds: dict[str, list[bytes]], seconds: float) -> list[Message]:
             topics = [f"/joints_{index}" for index in range(JOINT_TOPICS)] if kind == "joints" else [f"/{kind}"]
             for count in range(round(rate * seconds)):
                 data = kinds[kind][count % VARIANTS]
-                messages += [(topic, round(count / rate * 1e9), data) for topic in topics]
+                messages += [(topic, to_ns(count / rate), data) for topic in topics]
     return sorted(messages, key=lambda message: message[1])
 
 

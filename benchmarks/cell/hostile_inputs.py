@@ -27,6 +27,7 @@ from embedded_ros import wire
 from embedded_ros.wire import EntityKind
 from softgrip_testing.benchmark_claim import claim
 from softgrip_testing.process_table import node_processes, resident_bytes
+from softgrip_time.units import to_s
 
 DOMAIN = 213
 COUNT = 100_000
@@ -135,7 +136,7 @@ def listen(domain: int, key: str, gid: bytes, questions: Any) -> None:
         count = len(heard)
         pairs = list(itertools.pairwise(heard[:count]))
         # of samples that got lost nobody knows the times: the time between their neighbours is shared out
-        longest = max(((b[1] - a[1]) * 1e-9 / max(1, b[0] - a[0]) for a, b in pairs), default=float("inf"))
+        longest = max((to_s(b[1] - a[1]) / max(1, b[0] - a[0]) for a, b in pairs), default=float("inf"))
         questions.send((longest, sum(max(0, b[0] - a[0] - 1) for a, b in pairs)))
         del heard[: max(0, count - 1)]
 

@@ -82,7 +82,7 @@ def _check(
         closing.observe(cell.observe())
         count += 1
         if count % SEEN_EVERY == 0:
-            closing.see(cell.see_tip(rng))
+            closing.observe_tip(cell.see_tip(rng))
     fault = cell.fault()
     if fault is not None:
         return False, f"{fault.tendon}: {fault.name}", {}

@@ -37,6 +37,8 @@ PULLS_MM = np.arange(1.0, 16.5, 1.0)
 CREEP, CREEP_S = 0.10, 6.0
 #: Of a closing: pull [mm], tips [mm], tension; friction and stiffness beside the closing before.
 SCATTER_MM, TIP_MM, TENSION, WANDER = 0.03, 0.3, 0.02, 0.01
+#: [K] standard deviation of a thermometer's reading: what it is off by all the time does not count.
+THERMOMETER_K = 0.5
 #: Of the beams: step [s] while they move and while they rest, temperature that data sheets are for [degC], how much
 #: softer TPU becomes [1/K] (softgrip_emulator/plant/material.py), and how fast they are opened [mm/s].
 STEP_S, REST_STEP_S, ROOM_C, SOFTER_PER_K, OPENING_MM_PER_S = 2e-3, 2e-2, 23.0, 0.01, 20.0
@@ -60,6 +62,12 @@ class Truth:
     speed_mm_per_s: float = 16.0
     rest_s: float = 12.0
     further_mm: float = 0.0
+    thermometer: bool = False
+
+    @property
+    def room_c(self) -> float:
+        """Of the room [degC]: who becomes softer without having gone further is warm."""
+        return ROOM_C if self.further_mm else ROOM_C - math.log(self.stiffness) / SOFTER_PER_K
 
 
 class ChangedFinger(Protocol):
@@ -82,7 +90,8 @@ def seen(
         ClosingInstant(0, float(p), tip, float(n), float(expected))
         for p, tip, n, expected in zip(PULLS_MM, tips, measured_n, predicted_n, strict=True)
     )
-    return closing, ClosingConditions(truth.speed_mm_per_s, truth.rest_s, further_mm=truth.further_mm)
+    temperature_c = truth.room_c + THERMOMETER_K * rng.standard_normal() if truth.thermometer else math.nan
+    return closing, ClosingConditions(truth.speed_mm_per_s, truth.rest_s, temperature_c, truth.further_mm)
 
 
 def through_the_camera(truth: Truth, tips_mm: Array) -> Array:
@@ -197,7 +206,7 @@ class BeamFinger:
         if truth != self._truth:
             self._memory = self._bank.core.recall(0)
             self._bank, self._truth = self._mounted(truth), truth
-        self._bank.warm(ROOM_C - math.log(truth.stiffness) / SOFTER_PER_K if truth.further_mm == 0.0 else ROOM_C)
+        self._bank.warm(truth.room_c)
         self._rest(truth.rest_s)
         tips, tensions = self._pull(truth, truth.zero_mm + SCATTER_MM * self._rng.standard_normal())
         return seen(self._rng, truth, through_the_camera(truth, tips), truth.gain * tensions, self._predicted_n)

@@ -18,6 +18,7 @@ import rclpy
 from softgrip_bag.nodes.replayed_node import ReplayedNode
 from softgrip_bag.reader import read
 from softgrip_testing.benchmark_claim import claim, no_options, spread
+from softgrip_time.units import to_s
 
 BAG = Path(__file__).resolve().parents[2] / "tests" / "replay" / "bags" / "closings"
 NODE = "softgrip_model.nodes.gdfe_simulator:GdfeSimulator"
@@ -39,7 +40,7 @@ def session() -> tuple[float, float, int, float]:
         total, longest = total + spent, max(longest, spent)
         shapes += sum(output.topic == "/shape/predicted" for output in said)
     node.close()
-    return total, longest, shapes, 1e-9 * (received[-1] - received[0])
+    return total, longest, shapes, to_s(received[-1] - received[0])
 
 
 def main() -> int:

@@ -164,7 +164,7 @@ def _is_taken(family: socket.AddressFamily, host: str, port: int) -> bool:
 
 
 def drop_connection(port: int) -> None:
-    """Cut this process's connections to a port of this machine; Zenoh, which has no call for it, connects anew."""
+    """Cut this process's connections to a port of this machine; Zenoh, which has no call for it, connects again."""
     for number in range(_FILE_DESCRIPTORS):
         with contextlib.suppress(OSError):
             if stat.S_ISSOCK(os.fstat(number).st_mode):

@@ -44,9 +44,9 @@ def _direct(function: Callable[[Any], None], at_end: Callable[[], None] | None =
 
 
 def _stay_known() -> None:
-    """Have Python keep what it knows of a thread that is not its own.
+    """Make Python keep what it knows of a thread that is not its own.
 
-    Otherwise it makes that anew for each call and takes it down after, stack included: as much work as the call itself.
+    Otherwise it makes that for each call and takes it down after, stack included: as much work as the call itself.
     """
     _known_threads.add(threading.get_ident())
     ctypes.pythonapi.PyGILState_Ensure()

@@ -295,12 +295,12 @@ class Executor:
     # -- waiting -------------------------------------------------------------------------------------------------------
 
     def wake(self) -> None:
-        """Have the waiting thread look at everything again."""
+        """Make the waiting thread look at everything again."""
         self._poll_requested = True
         self._end_wait()
 
     def _hint(self, entity: Any, node: Node) -> None:
-        """Say that an entity has become ready: the waiting thread need not look for it among all."""
+        """Report that an entity has become ready: the waiting thread need not look for it among all."""
         self._hints.append((entity, node))
         self._end_wait()
 
@@ -384,7 +384,7 @@ class Executor:
     def _look_can_wait(self, now: float) -> bool:
         if self._poll_requested or self._ready_tasks:
             return False
-        # ``spin_once`` adds its node anew each time: it is looked at before any waiting, but not at every message.
+        # ``spin_once`` adds its node again each time: it is looked at before any waiting, but not at every message.
         return now < self._look_due_s and (not self._node_came or now < self._looked_s + _LOOK_AT_NEW_NODE_S)
 
     def _hinted(self) -> Work | None:

@@ -218,7 +218,7 @@ class Node:
             new_executor.add_node(self)
 
     def _rcl_ready(self, entity: Endpoint | Timer) -> None:
-        """Have the executor run an entity that has become ready; called on Zenoh's threads."""
+        """Make the executor run an entity that has become ready; called on Zenoh's threads."""
         reference = self._rcl_executor_reference
         if reference is not None and (executor := reference()) is not None:
             if entity._is_entity:
@@ -294,7 +294,7 @@ class Node:
         return found
 
     def _rcl_changed(self) -> None:
-        """Have the executor see that an entity came or went."""
+        """Make the executor see that an entity came or went."""
         self._rcl_entity_list = None
         self._rcl_wake()
 

@@ -292,7 +292,7 @@ class QoSCompatibility(IntEnum):
 
 
 def qos_check_compatible(publisher_qos: QoSProfile, subscription_qos: QoSProfile) -> tuple[QoSCompatibility, str]:
-    """Say whether a publisher and a subscription would meet on DDS, and why not."""
+    """Return whether a publisher and a subscription would meet on DDS, and why not."""
     policy = incompatible_policy(publisher_qos._to_wire(), subscription_qos._to_wire())
     if policy is not None:
         return QoSCompatibility.ERROR, f"ERROR: offered and requested {policy} do not match"

@@ -40,7 +40,7 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
 
 
 def register_context(context: Context) -> None:
-    """Have a context shut down when a handled signal comes."""
+    """Shut a context down when a handled signal comes."""
     _contexts.add(context)
 
 

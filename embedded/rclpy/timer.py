@@ -141,7 +141,7 @@ class Timer(Destroyable):
         self._canceled = True
 
     def reset(self) -> None:
-        """Start anew: the next call is one period from now."""
+        """Start again: the next call is one period from now."""
         self._alive()
         self._last_ns = self._clock._now_ns()
         self._next_ns = self._last_ns + self._period_ns

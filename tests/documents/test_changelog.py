@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
+
+import pytest
 
 from softgrip_testing.scripts import load_script
 
@@ -55,3 +58,24 @@ def test_no_line_of_this_changelog_is_lost_in_a_release() -> None:
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     made = release.released(text, release.changelog_versions()[0], "2026-01-01")
     assert sorted(set(filter(None, text.splitlines()))) == sorted(set(filter(None, made.splitlines())))
+
+
+def test_a_tag_is_released_with_what_the_changelog_says_of_it() -> None:
+    text = "# C\n\n## [Unreleased]\n\n* u\n\n## [0.2.0] - 2026-02-02\n\nTwo.\n\n* b\n\n## [0.1.0] - 2026-01-01\n\n* a\n"
+    assert release.notes(text, "v0.2.0") == "Two.\n\n* b\n"
+    assert release.notes(text, "v0.1.0") == "* a\n"
+
+
+@pytest.mark.parametrize("tag", ["0.2.0", "v0.2", "v0.3.0", "v0.2.0-rc1"])
+def test_a_tag_that_is_no_released_version_has_no_notes(tag: str) -> None:
+    with pytest.raises(ValueError, match="expected a"):
+        release.notes("# C\n\n## [0.2.0] - 2026-02-02\n\n* b\n", tag)
+
+
+def test_a_tag_beside_the_packages_version_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    older = f"v{release.changelog_versions()[-1]}"
+    monkeypatch.setattr(sys, "argv", ["release.py", "--notes", older])
+    assert release.main() == 1
+    assert "expected packages of" in capsys.readouterr().err

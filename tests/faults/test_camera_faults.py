@@ -43,8 +43,8 @@ class Camera:
         while True:
             self._came.wait(0.05)
             self._came.clear()
-            while (frame := self._capture.take()) is not None:
-                self.watch.see(frame)
+            while (frame := self._capture.take_frame()) is not None:
+                self.watch.observe_frame(frame)
                 self.frames += 1
             word, elapsed = self.watch.problem(), time.monotonic() - began
             if condition(word):

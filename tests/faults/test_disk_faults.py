@@ -177,7 +177,7 @@ def test_on_a_real_disk_that_is_full_or_read_only_everything_stays_and_goes_on_a
     for write, _ in WRITERS.values():
         write(files, 0)
     before = [read(files) for _, read in WRITERS.values()]
-    journal = PlanJournal.begin(mounted_disk / "plans", "p", Request("quick"))
+    journal = PlanJournal.create(mounted_disk / "plans", "p", Request("quick"))
     accept(journal, 0)
     restore = fail(mounted_disk)
     for write, _ in WRITERS.values():

@@ -57,7 +57,7 @@ def test_a_power_cut_leaves_the_old_file_or_the_new_one(tmp_path, volatile_disk,
 
 def test_a_plan_and_its_points_outlive_a_power_cut(tmp_path, volatile_disk):
     disk = volatile_disk()
-    journal = PlanJournal.begin(tmp_path / "plans", "p1", Request("quick"))
+    journal = PlanJournal.create(tmp_path / "plans", "p1", Request("quick"))
     for index in range(3):
         journal.accept(MeasuredPoint(index, 1.0, 0.1, 1.0, 1.2))
         for found in disk.after_power_cut():

@@ -124,7 +124,7 @@ def _launches(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
 
     def start(*arguments: str, domain: int | None = None) -> Launched:
         if domain is None:
-            domain = _DOMAINS.take()
+            domain = _DOMAINS.take_domain()
             taken.append(domain)
         has_place = any(argument.startswith("wire_dir:=") for argument in arguments)
         place = [f"wire_dir:={tmp_path}/wires-{domain}"] if "launch" in arguments and not has_place else []
@@ -150,7 +150,7 @@ def launch(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
 @pytest.fixture
 def two_environments(tmp_path: Path) -> Iterator[tuple[dict[str, str], dict[str, str]]]:
     """Return the environments of two domains that nobody else is in."""
-    domains = (_DOMAINS.take(), _DOMAINS.take())
+    domains = (_DOMAINS.take_domain(), _DOMAINS.take_domain())
     yield environment_of(domains[0], tmp_path), environment_of(domains[1], tmp_path)
     for domain in domains:
         _DOMAINS.release(domain)

@@ -90,7 +90,9 @@ class Stranger:
             self.node.destroy_client(client)
 
     def confirm(self, step: str, token: str, serials: tuple[str, ...] = ()) -> Any:
-        return self.call(ConfirmStep, "cell/confirm_step", ConfirmStep.Request(step=step, token=token, serials=serials))
+        number = getattr(ConfirmStep.Request, step.upper())
+        request = ConfirmStep.Request(step=number, token=token, serials=serials)
+        return self.call(ConfirmStep, "cell/confirm_step", request)
 
     def begin_swap(self, finger_set: str) -> Any:
         """Send the goal; its feedback comes into the queue. Returns the future of its result."""
@@ -103,7 +105,7 @@ class Stranger:
         """Wait for the feedback of a step."""
         while True:
             feedback = self.feedback.get(timeout=LONGEST_S)
-            if feedback.step == requested:
+            if feedback.step == getattr(SwapFingers.Feedback, requested.upper()):
                 return feedback
 
     def seat(self, finger_set: str) -> tuple[str, ...]:

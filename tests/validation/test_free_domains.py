@@ -16,7 +16,7 @@ from softgrip_testing.free_domains import FreeDomains
 free = FreeDomains(domains={DOMAINS})
 try:
     while True:
-        print(free.take(), flush=True)
+        print(free.take_domain(), flush=True)
 except RuntimeError:
     print("end", flush=True)
 input()
@@ -34,13 +34,13 @@ def others_take() -> tuple[subprocess.Popen[str], list[int]]:
 
 def test_a_held_domain_is_nobody_elses_until_it_is_released_or_its_process_ends() -> None:
     mine = FreeDomains(domains=DOMAINS)
-    held = mine.take()
+    held = mine.take_domain()
     other, theirs = others_take()
     with other:
         assert {held, *theirs} == set(DOMAINS)
         assert len(theirs) == 2
         with pytest.raises(RuntimeError, match=f"{DOMAINS[0]} to {DOMAINS[-1]}"):
-            FreeDomains(domains=DOMAINS).take()
+            FreeDomains(domains=DOMAINS).take_domain()
         other.kill()
     mine.release(held)
     other, theirs = others_take()
@@ -53,6 +53,6 @@ def test_domains_come_in_turn_from_the_start() -> None:
     free = FreeDomains(start=4, domains=DOMAINS)
     turn = []
     for _ in range(4):
-        turn.append(free.take())
+        turn.append(free.take_domain())
         free.release(turn[-1])
     assert turn == [DOMAINS[1], DOMAINS[2], DOMAINS[0], DOMAINS[1]]

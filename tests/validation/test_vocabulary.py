@@ -41,9 +41,12 @@ def test_a_name_that_breaks_a_rule_is_found(tmp_path: Path, monkeypatch: pytest.
     package = tmp_path / "ros2_ws" / "src" / "softgrip_x" / "softgrip_x"
     package.mkdir(parents=True)
     (package / "one.py").write_text("class Verdict: pass\nhaste = 1\n")
-    (package / "two.py").write_text("class Verdict: pass\n")
+    (package / "two.py").write_text(
+        "class Verdict: pass\nclass Eye:\n    def see(self): ...\n    def see_tip(self): ...\n"
+        "class File:\n    def write(self): ...\n    def tell(self): ...\n"
+    )
     (package / "three.hpp").write_text(
         '// haste is prose\nconstexpr int kNapSteps = 4;  /* least */\nauto text = "most";\n'
     )
     monkeypatch.setattr(vocabulary, "ROOT", tmp_path)
-    assert set(vocabulary.found_problems()) == {"haste", "class Verdict", "kNapSteps"}
+    assert set(vocabulary.found_problems()) == {"haste", "class Verdict", "kNapSteps", "Eye.see"}

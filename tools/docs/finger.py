@@ -447,7 +447,6 @@ def values() -> dict[str, str]:
         "flexure_table": flexure_table(),
         "study_fingers": str(len(FITTED_SEEDS) + len(FITTED_OTHER_SEEDS)),
         "study_others": str(len(FITTED_OTHER_SEEDS)),
-        "contraction_free": f"1 - {FLEXURE_STUDY.contraction:g} l / w",
         **{name: f"{value:g}" for name, value in dataclasses.asdict(FLEXURE_STUDY).items()},
         **uncertainties(),
         **interval_tables(),

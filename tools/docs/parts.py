@@ -44,7 +44,7 @@ def assumed_rows() -> list[tuple[str, str, str]]:
         ("edge of a lip", f"at least {f.MIN_LIP_DEPTH_MM} mm deep", "prints open"),
         ("play between bent strip and lip", f"{f.STRIP_PLAY_MM} mm", "no contact before the flanks meet"),
         ("tip anchor", f"pocket {2.0 * f.ANCHOR_RADIUS_MM:g} x {f.ANCHOR_DEPTH_MM} mm", "a crimp bead of 2 mm"),
-        ("marker seat", marker, "docs/vision.md; a base that sits in the palm has none"),
+        ("marker seat", marker, "[vision](vision.md); a base that sits in the palm has none"),
         ("foot", section, "mortise and tenon (section 4.2.2), drawn nowhere"),
         ("shoulder of the foot", shoulder, "in front of it the first groove, behind it the palm"),
         ("key", f"V of {foot.KEY_DEPTH_MM} mm on the back of the foot", "one place a slot"),

@@ -100,7 +100,7 @@ def blocks_of(page: Path) -> list[Block]:
         if mark and mark["mark"] == "hidden":
             found.append(Block(page, at + 1, "sh", mark["value"], "hidden"))
     for token in _PARSER.parse(source):
-        if token.type in {"fence", "code_block"} and not token.info.startswith("{"):  # {: a directive of the site
+        if token.type in {"fence", "code_block"} and not token.info.startswith(("{", "math")):  # of the site alone
             assert token.map is not None
             mark = _MARK.fullmatch(lines[token.map[0] - 1]) if token.map[0] else None
             name, value = (mark["mark"], mark["value"] or "") if mark and mark["mark"] in MARKS else ("", "")

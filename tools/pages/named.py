@@ -46,6 +46,7 @@ OTHERS = {
     "source": "the shell's",
     "tee": "the system's",
     "wait": "the shell's",
+    "xacro": "of ROS 2, and on PyPI (docs/dependencies.md)",
 }
 #: Package that is not in this workspace -> whose it is.
 OTHER_PACKAGES = {

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stage driver against GRBL's and grblHAL's own cores, compiled as simulators: how many checks hold.
 
-A simulator is a program that speaks on its standard input and output. It is started anew whenever its port is opened,
+A simulator is a program that speaks on its standard input and output. It is started again whenever its port is opened,
 as an Arduino is reset. Built from their makers' sources (gnea/grbl with grbl/grbl-sim; grblHAL/Simulator):
 
     python tools/peers/grbl_core.py grbl /tmp/grbl/grbl-sim/grbl_sim.exe
@@ -35,7 +35,7 @@ SPEED_M_S = 0.005
 
 
 class Core:
-    """A simulator behind a pseudo-terminal, started anew by whoever opens its port."""
+    """A simulator behind a pseudo-terminal, started again by whoever opens its port."""
 
     def __init__(self, program: Path, folder: Path) -> None:
         self._program, self._folder = program, folder

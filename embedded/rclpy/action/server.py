@@ -131,7 +131,7 @@ class ServerGoalHandle:
             self._action_server._feedback.publish(message)
 
     def executing(self) -> None:
-        """Say that the goal is being executed."""
+        """Report that the goal is being executed."""
         self._update_state(GoalEvent.EXECUTE)
 
     def succeed(self, response: Any = None) -> None:
@@ -367,7 +367,7 @@ class ActionServer(Waitable):
     def notify_execute(
         self, goal_handle: ServerGoalHandle, execute_callback: Callable[[ServerGoalHandle], Any] | None
     ) -> None:
-        """Have the executor run a goal."""
+        """Make the executor run a goal."""
         callback = execute_callback or self._execute_callback
         executor = self._node.executor
         if callback is not None and executor is not None:

@@ -27,7 +27,7 @@ class LossCounter:
         self._last: dict[tuple[str, Any], int] = {}
         self._missing: dict[tuple[str, Any], set[int]] = {}
 
-    def see(self, topic: str, sequence: int | None, publisher: Any) -> None:
+    def add_sequence(self, topic: str, sequence: int | None, publisher: Any) -> None:
         """Take the sequence number of a message that arrived; None or `UNSUPPORTED` = it has none."""
         if sequence is None or sequence == UNSUPPORTED:
             return
@@ -61,14 +61,14 @@ class Drain:
         self._limit = limit
         self._quiet = 0
 
-    def see(self, published: int) -> bool:
-        """Take note of when a message was sent [ns] that was just taken; return whether that was before the moment."""
+    def admit_message(self, published: int) -> bool:
+        """Record when a message was sent [ns] that was just taken; return whether that was before the moment."""
         before = published < self._moment
         if before:
             self._quiet = 0
         return before
 
-    def look(self, now: int) -> bool:
+    def check_quiet(self, now: int) -> bool:
         """Return whether nothing from before the moment is on its way any more; now in [ns]."""
         self._quiet += 1
         return self._quiet > _QUIET_POLLS or now > self._limit

@@ -30,7 +30,7 @@ class Divergence:
     replayed: Any
 
     def __str__(self) -> str:
-        """Say it in one line."""
+        """Return it in one line."""
         return (
             f"{self.topic} at {to_s(self.stamp):.9f} s, field {self.field}: "
             f"recorded {self.recorded!r}, replayed {self.replayed!r}"

@@ -4,6 +4,7 @@
 * Enumerations: until release 0.1.0 was cut, 0 was the first outcome (USABLE, GRIPPED, ...). Now it is UNSET, so that a
   field nobody filled in says nothing. The numbers moved, the names did not: a bag recorded before is read by the
   definition that it carries, and each number becomes the number that its name has now. What had no name becomes UNSET.
+* Phases and steps that were words became numbers: `ENUMERATIONS`, too.
 * Parallel arrays became arrays of messages, and YAML in a text a message: `RESHAPED`.
 * The steps of a trace are bytes whose definition no bag carries: `step_layouts` has it.
 
@@ -15,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -33,7 +35,7 @@ def _names(**fields: str) -> Mapping[str, tuple[str, ...]]:
 _VERDICT = _names(verdict="USABLE REPEAT_POINTS DO_NOT_USE")
 _SAMPLE = _names(verdict="ACCEPTED REPEAT REJECTED")
 
-#: "package/Name" -> field -> names of its enumeration, in the order of their old numbers 0, 1, ...
+#: "package/Name" -> field -> names of its enumeration, in the order of their old numbers 0, 1, ... where it had numbers
 ENUMERATIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
         "softgrip_interfaces/FrictionModel": _VERDICT,
@@ -41,6 +43,10 @@ ENUMERATIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "softgrip_interfaces/PredictionResidual": _names(verdict="OK WATCH RECALIBRATE WORN"),
         "softgrip_interfaces/Grasp_Result": _names(outcome="GRIPPED EMPTY SLIPPED TENDON_FAULT ABORTED"),
         "softgrip_interfaces/Grasp_Feedback": _names(phase="APPROACH CLOSE HOLD LIFT"),
+        "softgrip_interfaces/SwapFingers_Feedback": _names(
+            step="RELEASE LOCK OPEN_PALM REMOVE INSERT CLOSE_PALM UNLOCK HOME VERIFY"
+        ),
+        "softgrip_interfaces/ConfirmStep_Request": _names(step="OPEN_PALM REMOVE INSERT CLOSE_PALM HANDS_OUT"),
         "softgrip_interfaces/SwapFingers_Result": _names(outcome="SUCCEEDED CANCELLED REFUSED FAILED"),
         "softgrip_interfaces/CalibrateFriction_Result": _names(outcome="SUCCEEDED CANCELLED FAILED"),
         "softgrip_interfaces/MoveTendon_Goal": _names(mode="LENGTH TENSION"),
@@ -174,25 +180,63 @@ int32 sec
 uint32 nanosec
 """
 )
+_SWAP_FEEDBACK = """string step
+string instruction
+bool confirmation
+float64 elapsed
+string token
+"""
+_CONFIRM_STEP = """string step
+string token
+string[] serials
+"""
 
 
-def step_layouts(name: str, *, before_unset: bool) -> tuple[str, Sequence[str]]:
+@dataclass(frozen=True)
+class TraceAge:
+    """What the data of a trace's steps can be.
+
+    Attributes:
+        had_columns: the trace's batches had columns, and what grasps say text.
+        had_worded_swaps: the steps of a swap were words.
+        is_before_unset: the bag's enumerations began with their first outcome.
+    """
+
+    had_columns: bool = False
+    had_worded_swaps: bool = False
+    is_before_unset: bool = False
+
+
+def step_layouts(name: str, age: TraceAge) -> tuple[str, Sequence[str]]:
     """Return type and possible definitions, latest first, of a step's data where both differ from today's.
 
     Args:
-        name: of a step of a trace whose batches had columns.
-        before_unset: whether the bag's enumerations began with their first outcome.
+        name: of a step of a trace.
+        age: of the trace.
     """
     word, _, what = name.partition(" ")
-    if not what.endswith("/cell/grasp"):
-        return "", ()
+    if age.had_columns and what.endswith("/cell/grasp"):
+        return _grasp_layouts(word, age)
+    if age.had_worded_swaps and word == "feedback" and what.endswith("/cell/swap"):
+        return "softgrip_interfaces/action/SwapFingers_Feedback", (_of_its_time(_SWAP_FEEDBACK, age),)
+    if age.had_worded_swaps and word == "request" and what.endswith("/cell/confirm_step"):
+        return "softgrip_interfaces/srv/ConfirmStep_Request", (_of_its_time(_CONFIRM_STEP, age),)
+    return "", ()
+
+
+def _grasp_layouts(word: str, age: TraceAge) -> tuple[str, Sequence[str]]:
     if word == "feedback":
         return "softgrip_interfaces/action/Grasp_Feedback", (_GRASP_FEEDBACK,)
-    if word == "finished" and before_unset:
+    if word == "finished" and age.is_before_unset:
         return "softgrip_interfaces/action/Grasp_Result", (_GRASP_RESULT_BEFORE_UNSET,)
     if word == "finished":
         return "softgrip_interfaces/action/Grasp_Result", (_GRASP_RESULT_WITH_BOTH, _GRASP_RESULT)
     return "", ()
+
+
+def _of_its_time(layout: str, age: TraceAge) -> str:
+    """A swap has had a token since 0 is UNSET."""
+    return layout.replace("string token\n", "") if age.is_before_unset else layout
 
 
 def has_old_enumerations(type_name: str, schema: str) -> bool:
@@ -204,3 +248,13 @@ def has_old_enumerations(type_name: str, schema: str) -> bool:
     """
     package, *_, name = type_name.split("/")
     return f"{package}/{name}" in ENUMERATIONS and bool(schema) and UNSET not in schema
+
+
+def has_worded_swaps(type_name: str, schema: str) -> bool:
+    """Return whether a topic is the feedback of swaps, and was recorded when it named their steps in words.
+
+    Args:
+        type_name: e.g. "softgrip_interfaces/action/SwapFingers_FeedbackMessage".
+        schema: the definition in the bag.
+    """
+    return type_name.endswith("/SwapFingers_FeedbackMessage") and "string step" in schema

@@ -30,7 +30,7 @@ class Repaired:
     bad_chunks: int
 
     def __str__(self) -> str:
-        """Say it in one line."""
+        """Return it in one line."""
         lost = f", {self.lost_bytes} bytes and {self.bad_chunks} chunks could not be read" if self.rewritten else ""
         return f"{self.bag}: {len(self.rewritten)} files finished, {self.messages} messages readable{lost}"
 

@@ -83,7 +83,7 @@ class FaultWatch:
         self._last = float("-inf")
         self._why = ""
 
-    def see(self, state: Mapping[str, str], now: float) -> None:
+    def observe_faults(self, state: Mapping[str, str], now: float) -> None:
         """Take what is known of some components.
 
         Args:

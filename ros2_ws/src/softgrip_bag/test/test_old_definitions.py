@@ -19,13 +19,15 @@ from softgrip_bag.nodes.commands import info, replay
 from softgrip_bag.nodes.digest import digest
 from softgrip_bag.nodes.messages import interface_text, message_class
 from softgrip_bag.nodes.recorded_bag import RecordedBag
-from softgrip_bag.nodes.trace import runs
+from softgrip_bag.nodes.trace import TraceStep, runs
 from softgrip_bag.offers import OfferedQos
 from softgrip_bag.old_definitions import ENUMERATIONS
 from softgrip_bag.schema_text import schema_text
 from softgrip_bag.writer import BagWriter, Topic
 from softgrip_interfaces.action import CalibrateFriction, Grasp, MoveTendon, SwapFingers
-from softgrip_interfaces.msg import FingerMarkers, FrictionModel, FrictionSample, PredictionResidual
+from softgrip_interfaces.msg import FingerMarkers, FrictionModel, FrictionSample, NodeTrace, PredictionResidual
+from softgrip_interfaces.msg import TraceStep as TraceStepMessage
+from softgrip_interfaces.srv import ConfirmStep
 
 pytest.importorskip("rosbags")
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -347,6 +349,80 @@ def test_steps_that_were_columns_become_steps_with_their_data(tmp_path: Path) ->
     assert np.isnan(index.tip_deviation)
 
 
+SWAP_FEEDBACK = "string step\nstring instruction\nbool confirmation\nfloat64 elapsed\nstring token\n"
+CONFIRM_STEP = "string step\nstring token\nstring[] serials\n"
+FEEDBACK_MESSAGE = f"""unique_identifier_msgs/UUID goal_id
+softgrip_interfaces/action/SwapFingers_Feedback feedback
+{"=" * 80}
+MSG: unique_identifier_msgs/UUID
+uint8[16] uuid
+{"=" * 80}
+MSG: softgrip_interfaces/action/SwapFingers_Feedback
+{SWAP_FEEDBACK}"""
+
+
+def worded_swap(step: str, *token: str) -> list[tuple[str, bytes]]:
+    """Feedback and confirmation of a swap's step, as traces had them when steps were words."""
+    texts = {"SwapFeedback": SWAP_FEEDBACK, "Confirm": CONFIRM_STEP}
+    store = old_types(**{name: text if token else text.replace("string token\n", "") for name, text in texts.items()})
+    feedback = store.types["softgrip_interfaces/msg/SwapFeedback"](step, "Do it.", True, 1.5, *token)
+    confirm = store.types["softgrip_interfaces/msg/Confirm"](step, *token, ["A", "B"])
+    return [
+        ("feedback /cell_2/cell/swap", bytes(store.serialize_cdr(feedback, feedback.__msgtype__))),
+        ("request /cell_2/cell/confirm_step", bytes(store.serialize_cdr(confirm, confirm.__msgtype__))),
+    ]
+
+
+def check_swap(steps: Sequence[TraceStep], number: int, token: str = "0f2c") -> None:
+    feedback = deserialize_message(steps[0].data, SwapFingers.Feedback)
+    assert (feedback.step, feedback.instruction, feedback.confirmation) == (number, "Do it.", True)
+    assert (feedback.elapsed, feedback.token) == (1.5, token)
+    request = deserialize_message(steps[1].data, ConfirmStep.Request)
+    assert (request.step, request.token, list(request.serials)) == (number, token, ["A", "B"])
+
+
+def test_words_of_a_swap_in_a_trace_of_columns_become_numbers(tmp_path: Path) -> None:
+    bag = RecordedBag(old_trace(tmp_path / "bag", worded_swap("insert", "0f2c")).close())
+    (steps,) = runs(bag, "/grasp_mix_manager/trace")
+    check_swap(steps, SwapFingers.Feedback.INSERT)
+
+
+def test_words_of_a_swap_of_before_swaps_had_tokens_become_numbers(tmp_path: Path) -> None:
+    made = old_trace(tmp_path / "bag", worded_swap("remove"))
+    model = "softgrip_interfaces/msg/FrictionModel"
+    made.add_topic(Topic("/friction/active", model, "", OLD["FrictionModel"] + STD, ()))  # it has no UNSET
+    (steps,) = runs(RecordedBag(made.close()), "/grasp_mix_manager/trace")
+    check_swap(steps, SwapFingers.Feedback.REMOVE, "")
+
+
+def test_words_of_a_swap_in_a_trace_of_messages_become_numbers(tmp_path: Path) -> None:
+    """Between two releases steps were messages already, and a swap's were words: its feedback's definition says so."""
+    batch = NodeTrace(
+        steps=[TraceStepMessage(name=name, data=data) for name, data in worded_swap("close_palm", "0f2c")]
+    )
+    made = BagWriter(tmp_path / "bag")
+    trace, feedback = "softgrip_interfaces/msg/NodeTrace", "softgrip_interfaces/action/SwapFingers_FeedbackMessage"
+    made.add_topic(Topic("/grasp_mix_manager/trace", trace, "", schema_text(trace, interface_text), (OfferedQos(),)))
+    made.add_topic(Topic("/cell/swap/_action/feedback", feedback, "", FEEDBACK_MESSAGE, (OfferedQos(),)))
+    made.write("/grasp_mix_manager/trace", 1, 1, bytes(serialize_message(batch)))
+    (steps,) = runs(RecordedBag(made.close()), "/grasp_mix_manager/trace")
+    check_swap(steps, SwapFingers.Feedback.CLOSE_PALM)
+
+
+def test_a_swap_of_today_in_a_trace_is_left_alone(tmp_path: Path) -> None:
+    said = SwapFingers.Feedback(step=SwapFingers.Feedback.HOME, instruction="Wait.", token="0f2c")
+    step = TraceStepMessage(name="feedback /cell/swap", data=bytes(serialize_message(said)))
+    made = BagWriter(tmp_path / "bag")
+    for name, kind in (
+        ("/grasp_mix_manager/trace", "softgrip_interfaces/msg/NodeTrace"),
+        ("/cell/swap/_action/feedback", "softgrip_interfaces/action/SwapFingers_FeedbackMessage"),
+    ):
+        made.add_topic(Topic(name, kind, "", schema_text(kind, interface_text), (OfferedQos(),)))
+    made.write("/grasp_mix_manager/trace", 1, 1, bytes(serialize_message(NodeTrace(steps=[step]))))
+    ((found,),) = runs(RecordedBag(made.close()), "/grasp_mix_manager/trace")
+    assert deserialize_message(found.data, SwapFingers.Feedback) == said
+
+
 def test_a_result_with_yaml_and_numbers_keeps_its_numbers(tmp_path: Path) -> None:
     parts = {"FingerEvidence": interface_text("softgrip_interfaces", "msg", "FingerEvidence")}
     parts["GraspEvidence"] = interface_text("softgrip_interfaces", "msg", "GraspEvidence").replace(
@@ -405,7 +481,9 @@ def test_the_table_names_what_the_interfaces_have() -> None:
     classes = {
         "Grasp_Result": Grasp.Result,
         "Grasp_Feedback": Grasp.Feedback,
+        "SwapFingers_Feedback": SwapFingers.Feedback,
         "SwapFingers_Result": SwapFingers.Result,
+        "ConfirmStep_Request": ConfirmStep.Request,
         "CalibrateFriction_Result": CalibrateFriction.Result,
         "MoveTendon_Goal": MoveTendon.Goal,
         "MoveTendon_Result": MoveTendon.Result,
@@ -415,4 +493,9 @@ def test_the_table_names_what_the_interfaces_have() -> None:
         kind = classes.get(name) or message_class(f"{package}/msg/{name}")
         for field, names in fields.items():
             assert getattr(kind, f"{field.upper()}_UNSET", None) == 0 or kind.UNSET == 0
-            assert [getattr(kind, one) for one in names] == list(range(1, len(names) + 1))
+            numbers = [getattr(kind, one) for one in names]
+            if kind is ConfirmStep.Request:  # counts as the feedback of a swap does, and says what has no feedback
+                feedback = [getattr(SwapFingers.Feedback, one) for one in names[:-1]]
+                assert numbers == [*feedback, SwapFingers.Feedback.VERIFY + 1]
+            else:
+                assert numbers == list(range(1, len(names) + 1))

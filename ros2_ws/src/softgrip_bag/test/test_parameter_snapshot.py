@@ -48,8 +48,8 @@ class FakeNode:
 def looked(request: pytest.FixtureRequest) -> Any:
     node = FakeNode(*request.param)
     snapshot = ParameterSnapshot(cast("Node", node), lambda _: None, [])
-    snapshot.look()
-    snapshot.look()
+    snapshot.ask_nodes()
+    snapshot.ask_nodes()
     snapshot.close()
     return SimpleNamespace(node=node, snapshot=snapshot)
 

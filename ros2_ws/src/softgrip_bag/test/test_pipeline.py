@@ -167,15 +167,15 @@ def test_the_ring_stays_within_its_memory() -> None:
 def test_gaps_between_sequence_numbers_are_losses_per_publisher() -> None:
     losses = LossCounter()
     for sequence, publisher in ((5, "p"), (6, "p"), (100, "q"), (9, "p"), (101, "q"), (8, "p"), (10, "p")):
-        losses.see("/a", sequence, publisher)
-    losses.see("/b", None, None)
-    losses.see("/b", UNSUPPORTED, None)
-    losses.see("/b", 4, None)
+        losses.add_sequence("/a", sequence, publisher)
+    losses.add_sequence("/b", None, None)
+    losses.add_sequence("/b", UNSUPPORTED, None)
+    losses.add_sequence("/b", 4, None)
     assert losses.lost == {"/a": 1}  # 7 never came; 8 was late
 
 
 def test_a_message_that_comes_very_late_is_lost() -> None:
     losses = LossCounter()
     for sequence in (1, 3, 5000, 4999, 2):
-        losses.see("/a", sequence, "p")
+        losses.add_sequence("/a", sequence, "p")
     assert losses.lost == {"/a": 4999 - 3 - 1 + 1}

@@ -154,8 +154,8 @@ class Cell:
         self._clocks = clocks
         self._agreements = agreements
         self._prepare = prepare
-        self._driver = DriverFacts(heard=False, estop=False)
-        self._safety = SafetyFacts(heard=False)
+        self._driver = DriverFacts(is_heard=False, estop=False)
+        self._safety = SafetyFacts(is_heard=False)
         self._friction: Callable[[], FrictionFacts | None] = lambda: None
         self._busy: CellMode | None = None
         self._product = ""
@@ -223,7 +223,7 @@ class Cell:
             return CellMode.FAULT
         if self._busy is not None:
             return self._busy
-        return CellMode.IDLE if self._driver.heard else CellMode.UNKNOWN
+        return CellMode.IDLE if self._driver.is_heard else CellMode.UNKNOWN
 
     @property
     def may_hold(self) -> bool:
@@ -418,7 +418,7 @@ class Cell:
         self._slots = self._journal.slots()
 
     def drop_lock(self, reason: str = "") -> None:
-        """Take note that the drives are not locked by this cell any more, and why (empty: as the swap wanted it)."""
+        """Record that the drives are not locked by this cell any more, and why (empty: as the swap wanted it)."""
         self._lock = None
         self._writes.do(self._journal.drop_lock)
         if reason:
@@ -492,7 +492,7 @@ class Cell:
             self._wear(slot, reason)
 
     def _wear(self, slot: str, reason: str) -> None:
-        """Take note that a mounted finger is worn: its finger record says so, and no grasp uses it any more."""
+        """Record that a mounted finger is worn: its finger record says so, and no grasp uses it any more."""
         mounted = next((item for item in self._slots if item.name == slot), None)
         known = mounted is not None and mounted.serial and mounted.state is not SlotState.UNKNOWN
         if mounted is None or not known or mounted.serial in self._worn or self._busy is CellMode.SWAPPING:
@@ -522,7 +522,7 @@ class Cell:
     def _begin(self, kind: str, subject: str, step: str) -> None:
         """Write that a swap or grasp starts; where that cannot be written it does not."""
         with self._storage():
-            self._journal.begin(kind, subject, step)
+            self._journal.begin_operation(kind, subject, step)
 
     def _refuse_when_busy(self) -> None:
         if self._writes.fault:

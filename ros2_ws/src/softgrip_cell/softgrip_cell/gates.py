@@ -22,15 +22,15 @@ class FrictionFacts:
         digest: of its numbers; what models are compared by.
         age_s: since its fit [s].
         tension_high_n: upper end of its calibrated range [N].
-        usable: its own verdict allows use, and its numbers can be true.
-        reason: why not, or what it says of itself.
+        is_usable: its own verdict allows use, and its numbers can be true.
+        reason: why not, or what its verdict adds.
     """
 
     id: str
     digest: str
     age_s: float
     tension_high_n: float
-    usable: bool
+    is_usable: bool
     reason: str
 
 
@@ -52,13 +52,13 @@ class DriverFacts:
     """What the driver says now.
 
     Attributes:
-        heard: tendon/state and tendon/status are coming in.
+        is_heard: tendon/state and tendon/status are coming in.
         estop: the emergency stop is latched.
         faults: in words, one per tendon that has any.
         unhomed: tendons whose zero is not known.
     """
 
-    heard: bool
+    is_heard: bool
     estop: bool
     faults: tuple[str, ...] = ()
     unhomed: tuple[str, ...] = ()
@@ -69,7 +69,7 @@ class SafetyFacts:
     """What safety/state says; a cell that has heard none does not move.
 
     Attributes:
-        heard: there was one.
+        is_heard: there was one.
         estop: the emergency stop is latched.
         estop_reason: who or what stopped.
         locked: somebody's hands are in the cell.
@@ -77,7 +77,7 @@ class SafetyFacts:
         lock_reason: what it is for.
     """
 
-    heard: bool
+    is_heard: bool
     estop: bool = False
     estop_reason: str = ""
     locked: bool = False
@@ -90,13 +90,41 @@ class SafetyFacts:
         return f"the drives are locked by '{self.lock_owner}': {self.lock_reason}" if self.locked else ""
 
 
+GRAVITY_M_PER_S2: Final = 9.81
+
+#: The arm accelerates: the product weighs this much more than at rest.
+DYNAMIC_LOAD_FACTOR: Final = 1.15
+
+#: Friction of printed TPU on a surface [1], low values of rough classes.
+FRICTION: Final = {
+    ProductSurface.SMOOTH: 0.5,
+    ProductSurface.DIMPLED: 0.6,
+    ProductSurface.RUGGED: 0.7,
+    ProductSurface.FILM: 0.3,
+    ProductSurface.FROST: 0.15,
+}
+
+#: Contact force per contact tension [1]. By virtual work it is dL/ds: a fingertip goes four to five times the pulled
+#: length (profiles of the three sets); friction in the finger keeps a fifth of the rest.
+FORCE_PER_CONTACT_TENSION: Final = 0.8 / 4.5
+
+#: Fingers that press.
+FINGERS: Final = 3
+
+
+def carried_kg(product: Product, finger_set: str) -> float:
+    """Return the mass that friction carries when every finger presses as the recipe asks [kg]."""
+    pressing_n = FINGERS * product.recipe_for(finger_set).hold_contact_tension_n * FORCE_PER_CONTACT_TENSION
+    return FRICTION[product.surface] * pressing_n / (DYNAMIC_LOAD_FACTOR * GRAVITY_M_PER_S2)
+
+
 def check_safety(safety: SafetyFacts) -> None:
     """Refuse when nothing may move.
 
     Raises:
         RefusedError: with the reason.
     """
-    if not safety.heard:
+    if not safety.is_heard:
         raise RefusedError("expected safety/state, found none; nothing moves before; start or check tendon_driver")
     if safety.estop:
         why = f" ({safety.estop_reason})" if safety.estop_reason else ""
@@ -113,7 +141,7 @@ def check_driver(driver: DriverFacts, *, homed: bool) -> None:
     """
     if driver.estop:
         raise RefusedError("the emergency stop is latched; clear the cause, then call estop_reset")
-    if not driver.heard:
+    if not driver.is_heard:
         raise RefusedError("expected tendon/state and tendon/status, found silence; start or check tendon_driver")
     if driver.faults:
         raise RefusedError("the driver has a fault: " + "; ".join(driver.faults))
@@ -131,7 +159,7 @@ def check_friction(
     """
     if friction is None:
         raise RefusedError("no friction model is active; calibrate (rig/calibrate) or activate one (friction/activate)")
-    if not friction.usable:
+    if not friction.is_usable:
         raise RefusedError(f"friction model '{friction.id}' is not to be used: {friction.reason}")
     if friction.age_s > limits.age_s:
         raise RefusedError(
@@ -230,31 +258,3 @@ def check_fingers(
             f"friction carries {carried:.2f} kg; only a lift can tell: grasp with confirm_lift"
         )
     return mounted
-
-
-GRAVITY_M_PER_S2: Final = 9.81
-
-#: The arm accelerates: the product weighs this much more than at rest.
-SHAKE: Final = 1.15
-
-#: Friction of printed TPU on a surface [1], low values of rough classes.
-FRICTION: Final = {
-    ProductSurface.SMOOTH: 0.5,
-    ProductSurface.DIMPLED: 0.6,
-    ProductSurface.RUGGED: 0.7,
-    ProductSurface.FILM: 0.3,
-    ProductSurface.FROST: 0.15,
-}
-
-#: Contact force per contact tension [1]. By virtual work it is dL/ds: a fingertip goes four to five times the pulled
-#: length (profiles of the three sets); friction in the finger keeps a fifth of the rest.
-FORCE_PER_CONTACT_TENSION: Final = 0.8 / 4.5
-
-#: Fingers that press.
-FINGERS: Final = 3
-
-
-def carried_kg(product: Product, finger_set: str) -> float:
-    """Return the mass that friction carries when every finger presses as the recipe asks [kg]."""
-    pressing_n = FINGERS * product.recipe_for(finger_set).hold_contact_tension_n * FORCE_PER_CONTACT_TENSION
-    return FRICTION[product.surface] * pressing_n / (SHAKE * GRAVITY_M_PER_S2)

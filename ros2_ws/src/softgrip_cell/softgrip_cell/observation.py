@@ -197,9 +197,9 @@ class StreamSilence:
         return self._checks_left >= self._limit
 
     def hear(self) -> None:
-        """Take note of a message."""
+        """Record a message."""
         self._checks_left = 0
 
-    def look(self) -> None:
+    def pass_period(self) -> None:
         """Let one period pass."""
         self._checks_left += 1

@@ -57,7 +57,7 @@ class Fields:
         return self._values[name]
 
     def has(self, name: str) -> bool:
-        """Tell whether a field is there."""
+        """Return whether a field is there."""
         self._asked.add(name)
         return name in self._values
 

@@ -51,15 +51,15 @@ class Disk:
         """A cell as after a start, with driver and friction as they should be."""
         limits, clocks = FrictionLimits(age_s=1e6, range_factor=5.0), Clocks(lambda: 1, lambda: 0.0)
         cell = Cell(Library(self.database, lambda: 1), self.journal(), 2, limits, clocks)
-        cell.update_driver(DriverFacts(heard=True, estop=False))
-        cell.update_safety(SafetyFacts(heard=True))
-        cell.update_friction(lambda: FrictionFacts("model", "d1", 1.0, 10.0, usable=True, reason=""))
+        cell.update_driver(DriverFacts(is_heard=True, estop=False))
+        cell.update_safety(SafetyFacts(is_heard=True))
+        cell.update_friction(lambda: FrictionFacts("model", "d1", 1.0, 10.0, is_usable=True, reason=""))
         return cell
 
     def ready_cell(self) -> Cell:
         """A cell with verified power fingers."""
         cell, journal = self.cell(), self.journal()
-        journal.begin("swap", "power", "insert")
+        journal.begin_operation("swap", "power", "insert")
         journal.read_in("close_palm", POWER)
         references = dict.fromkeys(POWER, FREE.document())
         journal.finish_swap("power", SwapOutcome.SUCCEEDED, "good", 1.0, changed=True, references=references)
@@ -122,7 +122,7 @@ def test_nothing_begins_that_cannot_be_written_down(disk: Disk) -> None:
 def test_a_cell_starts_at_fault_where_the_database_cannot_be_written(disk: Disk) -> None:
     journal = disk.journal()
     journal.recover()
-    journal.begin("grasp", "egg", "power")
+    journal.begin_operation("grasp", "egg", "power")
     disk.set_full(True)
     cell = disk.cell()
     assert cell.mode is CellMode.FAULT
@@ -213,13 +213,13 @@ def test_a_lock_that_cannot_be_written_down_is_not_taken(disk: Disk) -> None:
 
 def test_the_owner_of_a_foreign_lock_is_named_in_the_state(disk: Disk) -> None:
     cell = disk.cell()
-    cell.update_safety(SafetyFacts(heard=True, locked=True, lock_owner="Ada", lock_reason="cleaning"))
+    cell.update_safety(SafetyFacts(is_heard=True, locked=True, lock_owner="Ada", lock_reason="cleaning"))
     assert "the drives are locked by 'Ada': cleaning" in cell.state()["reason"]
 
 
 def test_an_emergency_stop_is_the_mode_whoever_tells_of_it(disk: Disk) -> None:
     cell = disk.cell()
-    cell.update_safety(SafetyFacts(heard=True, estop=True))
+    cell.update_safety(SafetyFacts(is_heard=True, estop=True))
     assert cell.mode is CellMode.ESTOP
-    cell.update_safety(SafetyFacts(heard=True))
+    cell.update_safety(SafetyFacts(is_heard=True))
     assert cell.mode is CellMode.IDLE

@@ -31,9 +31,9 @@ SLOTS = ("index", "middle", "thumb")
 POWER = ("PW-I-01", "PW-M-01", "PW-T-01")
 PINCH = ("PI-I-01", "PI-M-01", "PI-T-01")
 FREE = FreeReference((0.0, 0.02), (0.0, 0.0), (0.0, 15.0), 0.05, "model", "d1")
-FRICTION = FrictionFacts("model", "d1", 1.0, 10.0, usable=True, reason="")
+FRICTION = FrictionFacts("model", "d1", 1.0, 10.0, is_usable=True, reason="")
 LIMITS = FrictionLimits(age_s=1000.0, range_factor=5.0)
-WELL = DriverFacts(heard=True, estop=False)
+WELL = DriverFacts(is_heard=True, estop=False)
 
 
 def start(database: Database) -> Cell:
@@ -42,7 +42,7 @@ def start(database: Database) -> Cell:
         Library(database, lambda: 1), CellJournal(database, SLOTS, lambda: 1), 2, LIMITS, Clocks(lambda: 1, float)
     )
     cell.update_driver(WELL)
-    cell.update_safety(SafetyFacts(heard=True))
+    cell.update_safety(SafetyFacts(is_heard=True))
     cell.update_friction(lambda: FRICTION)
     return cell
 
@@ -89,7 +89,7 @@ def test_with_every_gate_open_it_grasps(cell: Cell) -> None:
     ("driver", "expected"),
     [
         (replace(WELL, estop=True), "emergency stop is latched"),
-        (replace(WELL, heard=False), "expected tendon/state and tendon/status, found silence"),
+        (replace(WELL, is_heard=False), "expected tendon/state and tendon/status, found silence"),
         (replace(WELL, faults=("tendon index: tendon_broken",)), "the driver has a fault: tendon index: tendon_broken"),
     ],
     ids=["stopped", "silent", "at fault"],
@@ -117,7 +117,7 @@ def test_a_hand_without_a_zero_may_be_swapped_but_not_grasp(cell: Cell) -> None:
     [
         (replace(WELL, estop=True, faults=("x",)), CellMode.ESTOP),
         (replace(WELL, faults=("x",)), CellMode.FAULT),
-        (replace(WELL, heard=False), CellMode.UNKNOWN),
+        (replace(WELL, is_heard=False), CellMode.UNKNOWN),
         (WELL, CellMode.IDLE),
     ],
 )
@@ -188,7 +188,7 @@ def test_after_a_kill_in_a_grasp_nobody_opens_the_hand_unasked(cell: Cell, datab
     ("facts", "expected"),
     [
         (None, "no friction model is active"),
-        (replace(FRICTION, usable=False, reason="spread"), "'model' is not to be used: spread"),
+        (replace(FRICTION, is_usable=False, reason="spread"), "'model' is not to be used: spread"),
         (replace(FRICTION, age_s=1000.1), "is 0.0 days old, the limit is"),
         (replace(FRICTION, digest="d2"), "checked with friction model 'model' with digest d1"),
         (replace(FRICTION, tension_high_n=1.0), r"is trusted up to 5\.0 N"),

@@ -25,16 +25,16 @@ def start(database: Database, *, verified: bool = True) -> Cell:
     limits = FrictionLimits(age_s=1e6, range_factor=5.0)
     cell = Cell(Library(database, lambda: 1), journal, 2, limits, Clocks(lambda: 1, lambda: 0.0))
     if verified:
-        journal.begin("swap", "power", "insert")
+        journal.begin_operation("swap", "power", "insert")
         journal.read_in("close_palm", POWER)
         references = dict.fromkeys(POWER, FREE.document())
         journal.finish_swap("power", SwapOutcome.SUCCEEDED, "good", 1.0, changed=True, references=references)
         cell = Cell(Library(database, lambda: 1), journal, 2, limits, Clocks(lambda: 1, lambda: 0.0))
         journal.finish_swap("power", SwapOutcome.SUCCEEDED, "good", 1.0, changed=False, references=references)
         cell._slots = journal.slots()
-    cell.update_driver(DriverFacts(heard=True, estop=False))
-    cell.update_safety(SafetyFacts(heard=True))
-    cell.update_friction(lambda: FrictionFacts("model", "d1", 1.0, 10.0, usable=True, reason=""))
+    cell.update_driver(DriverFacts(is_heard=True, estop=False))
+    cell.update_safety(SafetyFacts(is_heard=True))
+    cell.update_friction(lambda: FrictionFacts("model", "d1", 1.0, 10.0, is_usable=True, reason=""))
     return cell
 
 
@@ -114,10 +114,10 @@ def test_what_friction_alone_does_not_carry_is_lifted_before_it_counts_as_held(d
 @pytest.mark.parametrize(
     ("safety", "expected"),
     [
-        (SafetyFacts(heard=False), "expected safety/state, found none"),
-        (SafetyFacts(heard=True, estop=True, estop_reason="button"), r"emergency stop is latched \(button\)"),
+        (SafetyFacts(is_heard=False), "expected safety/state, found none"),
+        (SafetyFacts(is_heard=True, estop=True, estop_reason="button"), r"emergency stop is latched \(button\)"),
         (
-            SafetyFacts(heard=True, locked=True, lock_owner="Ada", lock_reason="cleaning"),
+            SafetyFacts(is_heard=True, locked=True, lock_owner="Ada", lock_reason="cleaning"),
             "the drives are locked by 'Ada': cleaning",
         ),
     ],
@@ -134,7 +134,7 @@ def test_nothing_begins_while_the_cell_must_not_move(database: Database, safety:
 
 def test_fingers_checked_with_a_model_of_the_same_name_but_other_numbers_are_checked_again(database: Database) -> None:
     cell = start(database)
-    cell.update_friction(lambda: FrictionFacts("model", "d2", 1.0, 10.0, usable=True, reason=""))
+    cell.update_friction(lambda: FrictionFacts("model", "d2", 1.0, 10.0, is_usable=True, reason=""))
     expected = r"checked with friction model 'model' with digest d1, active is friction model 'model' with digest d2"
     with pytest.raises(RefusedError, match=expected):
         cell.begin_grasp("egg", confirm_lift=True, trial=False)
@@ -142,13 +142,13 @@ def test_fingers_checked_with_a_model_of_the_same_name_but_other_numbers_are_che
 
 def test_a_model_that_is_not_to_be_used_is_refused_with_its_reason(database: Database) -> None:
     cell = start(database)
-    cell.update_friction(lambda: FrictionFacts("model", "d1", 1.0, 10.0, usable=False, reason="no verdict"))
+    cell.update_friction(lambda: FrictionFacts("model", "d1", 1.0, 10.0, is_usable=False, reason="no verdict"))
     with pytest.raises(RefusedError, match="'model' is not to be used: no verdict"):
         cell.begin_grasp("egg", confirm_lift=True, trial=False)
 
 
 def test_a_closing_beyond_the_trusted_tension_is_refused(database: Database) -> None:
     cell = start(database)
-    cell.update_friction(lambda: FrictionFacts("model", "d1", 1.0, 1.0, usable=True, reason=""))
+    cell.update_friction(lambda: FrictionFacts("model", "d1", 1.0, 1.0, is_usable=True, reason=""))
     with pytest.raises(RefusedError, match=r"is trusted up to 5\.0 N"):
         cell.begin_grasp("egg", confirm_lift=True, trial=False)

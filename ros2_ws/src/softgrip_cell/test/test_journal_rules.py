@@ -37,7 +37,7 @@ def journal(database: Database, library: Library) -> CellJournal:
 @pytest.fixture
 def verified(journal: CellJournal) -> CellJournal:
     """A hand of verified power fingers."""
-    journal.begin("swap", "power", "release")
+    journal.begin_operation("swap", "power", "release")
     journal.read_in("close_palm", POWER)
     journal.finish_swap(
         "power", SwapOutcome.SUCCEEDED, "", 60.0, changed=True, references={serial: {"x": 1} for serial in POWER}
@@ -54,14 +54,14 @@ def states(library: Library, serials: tuple[str, ...] = POWER) -> set[FingerStat
 
 
 def test_whoever_starts_after_a_kill_is_told_once_what_was_going_on_and_where(verified: CellJournal) -> None:
-    verified.begin("grasp", "egg", "close")
+    verified.begin_operation("grasp", "egg", "close")
     assert verified.recover() == OpenOperation("grasp", "egg", "close")
     assert verified.recover() is None
     assert hand(verified) == [(serial, UNSURE) for serial in POWER]
 
 
 def test_before_a_person_reaches_in_slots_and_fingers_are_unknown(verified: CellJournal, library: Library) -> None:
-    verified.begin("swap", "power", "release")
+    verified.begin_operation("swap", "power", "release")
     verified.forget_slots("open_palm", LOCK)
     assert {state for _, state in hand(verified)} == {UNKNOWN}
     assert states(library) == {FingerState.UNKNOWN}
@@ -72,7 +72,7 @@ def test_what_is_taken_out_is_in_the_store_but_a_worn_finger_stays_worn(
     verified: CellJournal, library: Library
 ) -> None:
     verified.wear("index", "soft")
-    verified.begin("swap", "power", "release")
+    verified.begin_operation("swap", "power", "release")
     verified.forget_slots("open_palm", LOCK)
     verified.park_fingers("insert")
     assert hand(verified) == [("", UNKNOWN)] * 3
@@ -81,14 +81,14 @@ def test_what_is_taken_out_is_in_the_store_but_a_worn_finger_stays_worn(
 
 
 def test_what_is_put_in_is_mounted_in_its_own_slot_and_not_yet_verified(journal: CellJournal, library: Library) -> None:
-    journal.begin("swap", "power", "release")
+    journal.begin_operation("swap", "power", "release")
     journal.read_in("close_palm", POWER)
     assert hand(journal) == [(serial, UNSURE) for serial in POWER]
     assert states(library) == {FingerState.MOUNTED}
 
 
 def test_only_fingers_whose_check_was_passed_are_verified(journal: CellJournal) -> None:
-    journal.begin("swap", "power", "release")
+    journal.begin_operation("swap", "power", "release")
     journal.read_in("close_palm", POWER)
     journal.finish_swap("power", SwapOutcome.FAILED, "", 60.0, changed=True, references={POWER[1]: {"x": 1}})
     assert hand(journal) == [(POWER[0], UNSURE), (POWER[1], VERIFIED), (POWER[2], UNSURE)]
@@ -119,7 +119,7 @@ def test_a_finger_that_wears_out_takes_its_slot_s_verification_with_it(verified:
 
 def test_a_grasp_costs_each_mounted_finger_a_closing_and_no_other_one(verified: CellJournal, library: Library) -> None:
     before = {serial: finger_record.cycles for serial, finger_record in library.finger_records().items()}
-    verified.begin("grasp", "egg", "approach")
+    verified.begin_operation("grasp", "egg", "approach")
     verified.finish_grasp("egg", 1, "power", "GRIPPED", "", 2.0)
     after = {serial: finger_record.cycles for serial, finger_record in library.finger_records().items()}
     assert {serial for serial in after if after[serial] != before[serial]} == set(POWER)

@@ -38,7 +38,7 @@ def test_silence_is_counted_in_looks_and_ends_with_a_word() -> None:
     states = []
     for _ in range(3):
         states.append(silence.reached)
-        silence.look()
+        silence.pass_period()
     assert states == [False] * 3
     assert silence.reached
     silence.hear()

@@ -73,7 +73,7 @@ def journal(database: Database, library: Library) -> CellJournal:
 
 
 def mount(journal: CellJournal, serials: tuple[str, ...] = POWER, *, verify: bool = True) -> None:
-    journal.begin("swap", "power", "release")
+    journal.begin_operation("swap", "power", "release")
     journal.forget_slots("open_palm", LOCK)
     journal.park_fingers("insert")
     journal.read_in("close_palm", serials)
@@ -155,7 +155,7 @@ def test_a_retired_finger_stays_retired_and_the_audit_says_by_whom_and_why(libra
 
 
 def test_what_a_person_did_is_audited_whatever_its_length(library: Library) -> None:
-    library.note("w" * 200, "a" * 200, "s" * 500, "d" * 5000)
+    library.write_audit("w" * 200, "a" * 200, "s" * 500, "d" * 5000)
     newest = library.audit(1)[0]
     assert (newest.who, newest.action, newest.subject) == ("w" * 80, "a" * 40, "s" * 160)
     assert newest.detail == {"detail": "d" * 5000}
@@ -195,7 +195,7 @@ def test_a_kill_in_a_swap_leaves_the_truth_or_unknown(
     database: Database, library: Library, journal: CellJournal, steps: int, slots: SlotState, fingers: FingerState
 ) -> None:
     mount(journal)
-    journal.begin("swap", "pinch", "release")
+    journal.begin_operation("swap", "pinch", "release")
     if steps > 1:
         journal.forget_slots("open_palm", LOCK)
     if steps > 2:
@@ -214,7 +214,7 @@ def test_a_kill_in_a_swap_leaves_the_truth_or_unknown(
 def test_outcomes_are_tallied_and_cycles_counted(library: Library, journal: CellJournal) -> None:
     mount(journal)
     for outcome in ("GRIPPED", "GRIPPED", "EMPTY", "SLIPPED", "ABORTED", "TENDON_FAULT"):
-        journal.begin("grasp", "egg", "power")
+        journal.begin_operation("grasp", "egg", "power")
         journal.finish_grasp("egg", 1, "power", outcome, "reason", 2.0)
     assert journal.tallies() == {("egg", "power"): Tally(gripped=2, failed=2)}
     counts = journal.counts()
@@ -227,7 +227,7 @@ def test_a_distrusted_finger_does_not_come_back_by_being_parked(library: Library
     mount(journal, verify=False)
     journal.distrust(["PW-I-01"], ["PW-T-01"])
     assert {slot.state for slot in journal.slots()} == {SlotState.UNKNOWN}
-    journal.begin("swap", "power", "release")
+    journal.begin_operation("swap", "power", "release")
     journal.forget_slots("open_palm", LOCK)
     journal.park_fingers("insert")
     states = [library.finger_records()[serial].state for serial in POWER]
@@ -262,7 +262,7 @@ def test_the_cell_is_free_again_after_kill_9(database_url: str) -> None:
 
 def test_the_lock_outlives_the_swap_and_a_restart_until_it_is_dropped(database: Database, journal: CellJournal) -> None:
     assert journal.lock() is None
-    journal.begin("swap", "pinch", "release")
+    journal.begin_operation("swap", "pinch", "release")
     journal.forget_slots("open_palm", LOCK)
     journal.finish_swap("pinch", SwapOutcome.CANCELLED, "", 1.0, changed=True)
     again = CellJournal(database, SLOTS, Clock())
@@ -277,7 +277,7 @@ def test_the_lock_and_unknown_slots_are_written_together_or_not_at_all(
 ) -> None:
     mount(journal)
     journal.drop_lock()
-    journal.begin("swap", "pinch", "release")
+    journal.begin_operation("swap", "pinch", "release")
     with database.write() as connection:
         LOCK_TABLE.drop(connection)
     with pytest.raises(StorageError):

@@ -183,7 +183,7 @@ def closing(
         sample = TendonSample(stamp, (pulled,) * 3, tension)
         check.observe(ObservedPair(sample, FreeMotion(stamp, (pulled,) * 3, (predicted,) * 3, (tip,) * 3, "fm")))
         if i % 6 == 0:
-            check.see(SeenTip(stamp, "index", (tip[0] + tip_off_m, tip[1]), 0.0003))
+            check.observe_tip(SeenTip(stamp, "index", (tip[0] + tip_off_m, tip[1]), 0.0003))
     return check
 
 

@@ -37,7 +37,7 @@ _FAILURE_BELOW: Final = 0.25
 
 
 def agrees(outcome: str, mark: str) -> bool:
-    """Tell whether the outcome of one grasp agrees with a mark of the table."""
+    """Return whether the outcome of one grasp agrees with a mark of the table."""
     return outcome in _AGREES.get(mark, set())
 
 

@@ -30,7 +30,7 @@ class Subscriptions:
 def test_a_prediction_is_kept_with_its_deviations_and_the_tension_of_its_time() -> None:
     node = Subscriptions()
     watch = ShiftWatch(node, "index")  # type: ignore[arg-type]
-    watch.begin()
+    watch.start_gathering()
     tendons = JointState(name=["thumb", "index"], effort=[9.0, 4.0])
     tendons.header.stamp.sec = 7
     node.receive("tendon/state", tendons)
@@ -49,7 +49,7 @@ def test_a_prediction_is_kept_with_its_deviations_and_the_tension_of_its_time() 
 def test_a_failed_prediction_is_not_kept() -> None:
     node = Subscriptions()
     watch = ShiftWatch(node, "index")  # type: ignore[arg-type]
-    watch.begin()
+    watch.start_gathering()
     failed = FingerState(finger="index", validity=FingerState.FAILED)
     node.receive("finger/predicted", FingerStates(fingers=[failed]))
     assert watch.end().predicted == []

@@ -80,12 +80,12 @@ class TeleoperatedCell(FollowingCell):
     def stop(self):
         self._safety.publish(SafetyState(sequence=1, estop=True, estop_reason="a person"))
 
-    def answer(self, name, response):
+    def answer_service(self, name, response):
         if name == "recorder/stop":
             response.path = "out/bags/demonstration"
-        return super().answer(name, response)
+        return super().answer_service(name, response)
 
-    def say(self):
+    def publish_more(self):
         self._status.publish(
             TendonStatusArray(tendons=[TendonStatus(tendon=slot, homed=self.is_homed) for slot in SLOTS])
         )

@@ -33,7 +33,7 @@ class CorruptReplyError(DriverError):
 
 
 class GaugeRestartedError(CorruptReplyError):
-    """The gauge began anew while it was in use: its zero may be another."""
+    """The gauge restarted while it was in use: its zero may be another."""
 
 
 class DeviceRefusedError(DriverError):

@@ -81,7 +81,7 @@ _ROWS = (
           "do what its message says, then send the next command"),
     Fault("gauge_lost", Reaction.HOLD, Recovery.SELF, "the tension is not known",
           "the stage stands until the gauge reads again"),
-    Fault("gauge_restarted", Reaction.HOLD, Recovery.HOME, "the gauge's board began anew: its zero may be another",
+    Fault("gauge_restarted", Reaction.HOLD, Recovery.HOME, "the gauge's board restarted: its zero may be another",
           "check its supply and cable; take the load off the cell, press the board's reset, then home"),
     Fault("gauge_unproven", Reaction.HOLD, Recovery.SELF, "nobody has seen yet that the gauge feels this tendon",
           "pull the tendon by hand and let go; where the reading does not follow, the cell is cut or not in it"),

@@ -85,7 +85,7 @@ class Talker:
     ],
 )
 def test_an_emulated_ftdi_hands_over_62_bytes_or_what_there_is_after_its_timer(count, arrivals):
-    """FTDI AN232B-04: 62 bytes of data a packet; every packet starts the timer anew."""
+    """FTDI AN232B-04: 62 bytes of data a packet; every packet starts the timer again."""
     chunks = UsbAdapter(Talker(count), 0.016).exchange(b"?", 0.0, 1_000_000)
     reached = [(len(chunk.data), chunk.start_s + len(chunk.data) * 1e-5) for chunk in chunks]
     assert [size for size, _ in reached] == [size for size, _ in arrivals]

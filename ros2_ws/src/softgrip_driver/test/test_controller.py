@@ -511,6 +511,22 @@ def test_a_tendon_that_is_taut_for_an_owner_is_not_homed_by_others(rig):
     assert "owned by manager and taut" in rig.controller.home(rig.now).refusal
 
 
+def test_a_taut_tendon_without_a_zero_is_homed_once_its_owner_gives_it_back(rig):
+    rig.run(rig.move(0.012))
+    owned = lease(rig, 10.0)
+    rig.fingers["a"].position -= 0.0628  # the encoder has lost turns; the cable pulls as before
+    rig.fingers["a"].taut -= 0.0628
+    rig.pass_time(0.1)
+    assert rig.drive("a").fault == "position_jump"
+    rig.controller.reset()
+    assert not rig.drive("a").homed
+    assert rig.drive("a").holds_tension
+    refusal = rig.controller.home(rig.now).refusal
+    assert "tendon 'a' is owned by manager and taut or moving; without a zero it cannot be released slowly" in refusal
+    rig.controller.release_lease(owned.token, rig.now)
+    assert rig.controller.home(rig.now).refusal == ""
+
+
 def test_a_released_tendon_may_be_homed_though_friction_left_some_tension_in_it(rig):
     rig.run(rig.move(0.012))
     lease(rig, 10.0)

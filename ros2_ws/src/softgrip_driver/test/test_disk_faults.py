@@ -32,11 +32,11 @@ def test_a_disk_that_refuses_zeros_leaves_every_drive_as_it_was(bench, tmp_path,
         with pytest.MonkeyPatch.context() as patch:
             refuse(patch, name, code)
             with pytest.raises(ConfigurationError, match="expected a writable file"):
-                keeper.keep(bench.loop, "2026-01-01T00:00:00+00:00")
+                keeper.save_zeros(bench.loop, "2026-01-01T00:00:00+00:00")
         bench.pass_time(0.5)
         assert {drive: (bench.drive(drive).state, bench.drive(drive).fault) for drive in spools} == before
         # strips and cable relax by up to 8 % of it in half a second (docs/emulator.md)
         assert bench.plant.bank.tension_n == pytest.approx(held, rel=0.12)
         assert min(held) > 3.0
-    keeper.keep(bench.loop, "2026-01-01T00:00:00+00:00")
+    keeper.save_zeros(bench.loop, "2026-01-01T00:00:00+00:00")
     assert set(ZeroStore(tmp_path / "zeros.yaml").load()) == set(spools)

@@ -134,7 +134,7 @@ ROWS += [replace(row, device=device) for device in STAGE_DEVICES for row in BOTH
     Row("contaminated_stream", "gauge_lost", device="grbl", reason="expected a line like", safe_within=2 * SLOW),
     Row("alarm", "stage_alarm", device="grbl", reason="home it again", recovery="home", safe_within=SLOW),
 ] + [
-    Row("board_reset", "gauge_restarted", device="board", arguments=(("boot", boot),), on=on, reason="begun anew",
+    Row("board_reset", "gauge_restarted", device="board", arguments=(("boot", boot),), on=on, reason="restarted",
         recovery="home", safe_within=SLOW)
     for boot in (0.5, 1.6, 3.0) for on in ("closing", "holding")
 ]  # fmt: skip

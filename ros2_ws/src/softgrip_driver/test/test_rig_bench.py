@@ -36,7 +36,7 @@ def device():
 
 def test_a_measurement_waits_for_a_look_of_the_idle_rig(device):
     bench = Bench(device, device)
-    looking = threading.Thread(target=bench.look, args=(0.0,))
+    looking = threading.Thread(target=bench.read_idle, args=(0.0,))
     looking.start()
     assert device.asked.wait(10.0)
     measured = threading.Event()
@@ -72,8 +72,8 @@ def test_two_measurements_at_once_are_refused_and_nobody_looks_meanwhile(device)
     with bench.measuring():
         with pytest.raises(BusyError, match="cancel"), bench.measuring():
             pass
-        assert bench.look(0.0) is None
+        assert bench.read_idle(0.0) is None
     device.let.set()
-    sample = bench.look(2.0)
+    sample = bench.read_idle(2.0)
     assert sample is not None
     assert (sample.time, sample.tension) == (2.0, 1.0)

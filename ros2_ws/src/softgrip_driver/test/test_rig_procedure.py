@@ -350,10 +350,10 @@ def test_a_power_cut_in_the_middle_of_a_line_loses_that_line_only(bench):
 
 
 def test_a_damaged_record_is_refused_with_its_line(tmp_path):
-    journal = PlanJournal.begin(tmp_path, "p", CORNERS)
+    journal = PlanJournal.create(tmp_path, "p", CORNERS)
     journal.accept(MeasuredPoint(0, 0.2, 0.2, 2.0, 2.2))
     journal.path.write_bytes(journal.path.read_bytes() + b"garbage\n")
     with pytest.raises(JournalError, match="line 3"):
         PlanJournal.read(journal.path)
     with pytest.raises(JournalError, match="already there"):
-        PlanJournal.begin(tmp_path, "p", CORNERS)
+        PlanJournal.create(tmp_path, "p", CORNERS)

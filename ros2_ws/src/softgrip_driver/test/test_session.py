@@ -69,7 +69,7 @@ def test_a_zero_survives_the_driver_but_not_the_servo(bench, tmp_path):
     bench.loop.power(on=True)
     outcome, reason = bench.run(bench.loop.call(lambda c, now: c.home(now)), 25.0)
     assert outcome is MoveOutcome.REACHED, reason
-    first.keep(bench.loop, "2026-01-01T00:00:00+00:00")
+    first.save_zeros(bench.loop, "2026-01-01T00:00:00+00:00")
     zero = bench.controller.drives["index"].zero
 
     # Homed against the truth: the slack of the emulated finger is taken up, as far as a motor's current can tell.
@@ -103,7 +103,7 @@ def test_a_zero_that_a_fault_has_voided_is_not_recalled(bench, tmp_path):
     bench.hold_taut(0.0)
     spools = {servo.tendon: servo.spool for servo in bench.servos}
     store = ZeroStore(tmp_path / "zeros.yaml")
-    ZeroKeeper(store, bench.identities, spools).keep(bench.loop, "2026-01-01T00:00:00+00:00")
+    ZeroKeeper(store, bench.identities, spools).save_zeros(bench.loop, "2026-01-01T00:00:00+00:00")
     bench.pass_time(0.5)
     assert all(one.valid for one in ZeroKeeper(store, bench.identities, spools).recall(bench.loop))
     bench.cause("position_glitch", slot="index")

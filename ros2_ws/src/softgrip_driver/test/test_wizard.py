@@ -35,7 +35,7 @@ class Hands:
     def __init__(self, plant, mistakes=None):
         self.plant, self.mistakes, self.asked, self.lines = plant, mistakes or {}, [], []
 
-    def say(self, text):
+    def print_line(self, text):
         self.lines.append(text)
 
     def ask(self, key, text, default=""):
@@ -43,14 +43,14 @@ class Hands:
 
     def confirm(self, key, text):
         self.asked.append(key)
-        self.say(text)
+        self.print_line(text)
         if key in self.mistakes:
             self.mistakes.pop(key)(self)
         elif key.startswith("connect."):
             self.connect(key.removeprefix("connect."))
 
     def try_again(self, key, problem):
-        self.say(f"! {key}: {problem}")
+        self.print_line(f"! {key}: {problem}")
         return False
 
     def connect(self, *tendons, connected=True):
@@ -225,7 +225,7 @@ def test_a_tendon_that_was_wound_the_other_way_round_since_is_named_before_anyth
     bench.file.write_text(text.replace("direction: -1", "direction: 1"))
     wound_m = bench.plant.wound_m().copy()
     with pytest.raises(
-        ConfigurationError, match=r"middle: expected a spool that pulls in direction 1, found -1; .*anew"
+        ConfigurationError, match=r"middle: expected a spool that pulls in direction 1, found -1; .*again"
     ):
         bench.wizard(Hands(bench.plant)).run()
     assert bench.powered() == [0, 0, 0]

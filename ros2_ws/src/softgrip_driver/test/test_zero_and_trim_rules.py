@@ -83,8 +83,8 @@ def test_each_homing_leaves_another_mark_and_the_same_zero_none(tmp_path: Path) 
     kept.recall(loop)  # type: ignore[arg-type]
     for number in range(4):
         loop.zero = 0.001 * number
-        kept.keep(loop, "now")  # type: ignore[arg-type]
-        kept.keep(loop, "now")  # type: ignore[arg-type]
+        kept.save_zeros(loop, "now")  # type: ignore[arg-type]
+        kept.save_zeros(loop, "now")  # type: ignore[arg-type]
     assert len(loop.marked) == len(set(loop.marked)) == 4
     assert store.load()["index"].mark == loop.marked[-1]
 

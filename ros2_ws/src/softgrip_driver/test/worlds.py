@@ -101,7 +101,7 @@ class Handle:
             self._line.queue(self._device.exchange(b"", due, self._line.baud))
             if self._device.due_s() == due:
                 break
-        self._heard += self._line.take(now)
+        self._heard += self._line.take_due(now)
 
 
 class OwnLoop(BusLoop):

@@ -22,6 +22,7 @@ from softgrip_emulator.faults import FaultBoard, FaultyDevices
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
 from softgrip_emulator.rig import EmulatedRig
 from softgrip_emulator.servos import make_chain
+from softgrip_emulator.thermometer import Thermometer
 from softgrip_emulator.time_server import GIVE_UP_S, TimeServer
 from softgrip_emulator.wire.faulty import FaultyWire
 from softgrip_emulator.wire.folder import open_wire_folder
@@ -114,6 +115,7 @@ class EmulatedCell:
         self.seed = seed
         self.clock = SetClock()
         self.plant = CellPlant(profiles, seed=seed, chain=chain, supply=supply)
+        self.thermometer = Thermometer(lambda: self.plant.temperature_c, seed)
         self.rig = EmulatedRig(seed, clock=ScaledCellClock(self.clock, rig_time_scale), stage=stage, gauge=gauge)
         if gauge_on:
             index = self.plant.index(gauge_on)

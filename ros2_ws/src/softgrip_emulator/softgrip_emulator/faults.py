@@ -188,7 +188,7 @@ class FaultBoard:
         if not duration_s >= 0.0:
             raise EmulatorError(f"fault '{fault}': expected a duration of 0 or more seconds, found {duration_s}")
         with self._lock:
-            # One that is on already begins anew, perhaps with other arguments.
+            # One that is on already starts again, perhaps with other arguments.
             label, cause = self._prepared(fault, target, dict(arguments or {}))
             self._end([one for one in self._active if one.label == label])
             undo = cause()
@@ -401,6 +401,10 @@ def _camera_overexposed(cell: FaultyDevices, gain: float = 3.0) -> Undo:
     return cell.overrides.set(cell.camera.faults, gain=float(gain))
 
 
+def _room_temperature(cell: FaultyDevices, temperature_c: float = 30.0) -> Undo:
+    return cell.overrides.set(cell.plant, temperature_c=float(temperature_c))
+
+
 def _gauge_in_tendon(cell: FaultyDevices, slot: str) -> Undo:
     index = cell.plant.index(slot)
     cell.rig.hang_gauge(lambda: float(cell.plant.bank.tension_n[index]))
@@ -439,5 +443,5 @@ CAMERA_FAULTS: dict[str, Cause] = {
 }
 """Faults of the camera."""
 
-HANDS: dict[str, Cause] = {"gauge_in_tendon": _gauge_in_tendon}
-"""What a person does at the bench, through the same door; no plan draws it."""
+HANDS: dict[str, Cause] = {"gauge_in_tendon": _gauge_in_tendon, "room_temperature": _room_temperature}
+"""What a person does at the bench or to the room, through the same door; no plan draws it."""

@@ -84,7 +84,7 @@ class Participants:
     exposures: list[float] = field(default_factory=list)
 
     def observe_work(self, before: TimeRequest | None, packet: Packet, now_s: float) -> None:
-        """Take note of what a stepper asks for, after the request before, at a time of the cell [s]."""
+        """Record what a stepper asks for, after the request before, at a time of the cell [s]."""
         if isinstance(packet, TimeRequest):
             works = not packet.reads and packet.until_s - now_s < _WORK_WAIT_S
         else:

@@ -122,7 +122,7 @@ class TimeServer:
         os.close(self._wake_write)
 
     def wake(self) -> None:
-        """Have the thread look at everything now."""
+        """Wake the thread to look at everything now."""
         with contextlib.suppress(BlockingIOError, OSError):
             os.write(self._wake_write, b"\0")
 

@@ -173,10 +173,10 @@ def test_a_dark_camera_and_one_that_loses_frames():
     scene = Scene(draw_optics(320, 240, seed=1), seed=1)
     camera = Camera(scene, FrameBoard(), random=np.random.default_rng(1).random)
     sample = ExposureSample(pose, pose, 0.0, faults)
-    assert cv2.imdecode(np.frombuffer(camera.take(sample), np.uint8), cv2.IMREAD_COLOR).mean() < 12
+    assert cv2.imdecode(np.frombuffer(camera.render_frame(sample), np.uint8), cv2.IMREAD_COLOR).mean() < 12
     faults.gain = 1.0
     faults.drop_share = 0.5
-    lost = sum(camera.take(sample) is None for _ in range(60))
+    lost = sum(camera.render_frame(sample) is None for _ in range(60))
     assert 15 < lost < 45
 
 

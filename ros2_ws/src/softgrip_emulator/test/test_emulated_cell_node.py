@@ -7,6 +7,7 @@ from itertools import pairwise
 import pytest
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Temperature
 
 from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
@@ -67,6 +68,21 @@ def test_services_truth_and_clean_end(start, peer, tmp_path):
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=TEST_TIMEOUT_S) == 0
     assert list(tmp_path.iterdir()) == []
+
+
+def test_its_thermometer_is_right_to_some_degrees_and_follows_the_room(start, peer):
+    start("speed:=0.0")
+    read = peer.hear(Temperature, "cell/temperature", SENSOR)
+    peer.spin_until(lambda: read)
+    # the room has 21 to 26 degC; the sensor is off by 0.5 K (one standard deviation), and says so
+    assert 19.0 < read[-1].temperature < 28.0
+    assert read[-1].variance == 0.25
+    warm = [Parameter("temperature_c", value=40.0).to_parameter_msg()]
+    assert peer.call(InjectFault, "emulator/inject_fault", fault="room_temperature", arguments=warm).success
+    peer.spin_until(lambda: read[-1].temperature > 30.0)
+    assert read[-1].temperature == pytest.approx(40.0, abs=2.0)
+    stamps = [seconds(one.header.stamp) for one in read]
+    assert min(b - a for a, b in pairwise(stamps)) >= 4.99
 
 
 def test_a_faster_cell_publishes_its_clock(start, peer):

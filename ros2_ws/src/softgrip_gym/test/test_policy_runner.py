@@ -36,7 +36,7 @@ class PolicyCell(FollowingCell):
         super().__init__(services, tick_s=0.002, n_per_m=N_PER_M)
         self._truth = self.create_publisher(EmulatorTruth, "emulator/truth", SENSOR)
 
-    def say(self):
+    def publish_more(self):
         self._truth.publish(EmulatorTruth(product="apple", held=True, touching=True))
 
 

@@ -67,7 +67,7 @@ def settled(profiles: dict[str, Profile], seed: int = 1) -> tuple[TrueFinger, Ca
         finger = TrueFinger(profiles, seed)
         watch = finger.watch()
         for number in range(10):
-            diagnosis = watch.take(finger.close(), USUAL)
+            diagnosis = watch.add_closing(finger.close(), USUAL)
             assert diagnosis.explanations == (), number
         assert watch.judge() == (WearVerdict.OK, "")
         _SETTLED[seed] = finger, watch
@@ -91,7 +91,7 @@ def test_the_cause_is_named(profiles: dict[str, Profile], name: str) -> None:
     to, causes, verdict = CHANGES[name]
     finger, watch = settled(profiles)
     for _ in range(3):
-        watch.take(finger.close(**to), USUAL)  # type: ignore[arg-type]
+        watch.add_closing(finger.close(**to), USUAL)  # type: ignore[arg-type]
     assert watch.diagnosis.causes[0] in causes
     found, why = watch.judge()
     assert str(watch.diagnosis.causes[0]) in why
@@ -103,17 +103,17 @@ def test_heat_and_motor_never_wear_a_finger_out(profiles: dict[str, Profile]) ->
     for to in ({"stiffness": 0.85}, {"gain": 1.12}):
         finger, watch = settled(profiles)
         for _ in range(6):
-            watch.take(finger.close(**to), USUAL)
+            watch.add_closing(finger.close(**to), USUAL)
             assert watch.judge()[0] is not WearVerdict.WORN
 
 
 def test_a_weaker_strip_is_told_from_softer_strips(profiles: dict[str, Profile]) -> None:
     """One closing is not enough to condemn a finger for it."""
     finger, watch = settled(profiles)
-    watch.take(finger.close(middle=0.8), USUAL)
+    watch.add_closing(finger.close(middle=0.8), USUAL)
     assert watch.judge()[0] is not WearVerdict.WORN
     for _ in range(3):
-        watch.take(finger.close(middle=0.8), USUAL)
+        watch.add_closing(finger.close(middle=0.8), USUAL)
     assert watch.diagnosis.causes[0] in {Cause.STRIP, Cause.NONE_OF_THESE}
     assert watch.diagnosis.causes[0] is not Cause.FRICTION
 
@@ -123,13 +123,13 @@ def test_other_fingers_tell_heat_from_a_motor(profiles: dict[str, Profile]) -> N
     (hot, watch), (near, its) = settled(profiles), settled(profiles, 2)
     watch.join([its])
     for _ in range(3):
-        watch.take(hot.close(gain=0.88), dataclasses.replace(USUAL, temperature_c=math.nan))
-        its.take(near.close(), USUAL)
+        watch.add_closing(hot.close(gain=0.88), dataclasses.replace(USUAL, temperature_c=math.nan))
+        its.add_closing(near.close(), USUAL)
     assert watch.diagnosis.causes[0] is Cause.TENSION_GAIN
     assert watch.judge()[0] is WearVerdict.RECALIBRATE
     for _ in range(5):
-        watch.take(hot.close(stiffness=0.88), USUAL)
-        its.take(near.close(stiffness=0.88), USUAL)
+        watch.add_closing(hot.close(stiffness=0.88), USUAL)
+        its.add_closing(near.close(stiffness=0.88), USUAL)
     assert watch.diagnosis.causes[0] is Cause.TEMPERATURE
     assert watch.judge()[0] is WearVerdict.WATCH
 
@@ -143,7 +143,7 @@ def test_a_session_asks_the_fingers_of_its_hand(profiles: dict[str, Profile]) ->
         for slot, finger in fingers.items():
             monitor = session.in_use.monitors[slot]
             assert isinstance(monitor, CauseWatch)
-            monitor.take(finger.close(stiffness=stiffness), unknown)
+            monitor.add_closing(finger.close(stiffness=stiffness), unknown)
     for _, why in session.verdicts().values():
         assert why.startswith(Cause.TEMPERATURE)
 
@@ -192,11 +192,11 @@ def test_how_a_closing_was_made_counts(profiles: dict[str, Profile]) -> None:
     ]:
         finger, watch = settled(profiles)
         for _ in range(3):
-            watch.take(finger.close(stiffness=0.88), conditions)
+            watch.add_closing(finger.close(stiffness=0.88), conditions)
         assert cause in watch.diagnosis.causes
         assert watch.judge()[0] is not WearVerdict.WORN
     finger, watch = settled(profiles)
-    watch.take(finger.close(), ClosingConditions(6.0, 12.0, 20.0))
+    watch.add_closing(finger.close(), ClosingConditions(6.0, 12.0, 20.0))
     assert watch.diagnosis.causes == (Cause.CONDITIONS,)
     assert watch.judge()[0] is WearVerdict.OK
 

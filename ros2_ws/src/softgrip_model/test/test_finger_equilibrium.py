@@ -94,7 +94,7 @@ def test_frictionless_uniform_finger_has_a_closed_form() -> None:
     np.testing.assert_allclose(found.actuator_tension_n[0], tension, rtol=1e-9)
 
 
-# --- the same equilibrium, written down anew from the reference's section 2 ------------------------------------------
+# --- the same equilibrium, written down again from the reference's section 2 ------------------------------------------
 
 
 def point_bends(finger: Finger, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

@@ -12,9 +12,12 @@ import pytest
 
 from softgrip_model.finger import FingerError, JointModel, Kernel
 from softgrip_model.finger.active_configuration import ActiveConfiguration, Timeline
+from softgrip_model.finger.closing_samples import ClosingInstant
+from softgrip_model.finger.diagnosis import WATCH, WATCHED, CauseWatch
 from softgrip_model.finger.learning import Knowledge
 from softgrip_model.finger.matching import Matcher, TendonInput
 from softgrip_model.finger.predictor import ActiveFriction, Configuration, TendonReading, Validity, assumed_friction
+from softgrip_model.finger.room_temperature import MAX_AGE_NS, RoomTemperature
 from softgrip_model.finger.session import MeasuredFinger, Residual, Session
 from softgrip_model.finger.uncertainty import PRIOR
 from softgrip_model.finger.wear import WearSettings
@@ -162,7 +165,7 @@ def test_only_the_last_two_seconds_are_kept() -> None:
 
 
 def test_a_source_that_starts_again_is_paired_again() -> None:
-    """Simulated time that begins anew; a sample that is merely late changes nothing."""
+    """Simulated time that starts again; a sample that is merely late changes nothing."""
     matcher: Matcher[str] = Matcher()
     for t in range(100, 120):
         matcher.add_tendon(TendonInput(t * 10 * MILLISECOND, 1e-3 * t, 0.1, 2.0))
@@ -269,14 +272,59 @@ def test_what_is_predicted_names_whether_the_fingers_were_free(profiles: dict[st
     assert session.in_use.digest == before
 
 
+class Listener(CauseWatch):
+    """A watch that writes down in which temperature its closings were made."""
+
+    def __init__(self, session: Session) -> None:
+        super().__init__(session.configuration.causes("index", WATCHED), WATCH)
+        self.heard: list[float] = []
+
+    def add(self, sample: ClosingInstant, *, pulling: bool, free: bool, temperature_c: float = math.nan) -> None:
+        self.heard.append(temperature_c)
+        super().add(sample, pulling=pulling, free=free, temperature_c=temperature_c)
+
+
+def test_a_closing_is_watched_in_the_temperature_of_its_time(profiles: dict[str, Profile]) -> None:
+    session = Session(profiles, {"index": "pinch"}, WearSettings())
+    listener = Listener(session)
+    monitors = session.in_use.monitors
+    assert isinstance(monitors, dict)
+    monitors["index"] = listener
+    seen = MeasuredFinger("index", (0.1, 0.2, 0.3), (0.05, 0.03))
+
+    def closes(stamp: int) -> None:
+        session.on_tendons([TendonInput(stamp, 0.01, 0.0, 3.0)], ["index"])
+
+    closes(1)
+    session.on_measured(1, [seen])
+    assert math.isnan(listener.heard[-1])  # there is no thermometer
+    session.set_room(RoomTemperature(2, 24.0))
+    closes(10)
+    session.set_room(RoomTemperature(12, 31.0))
+    session.on_measured(10, [seen])  # the frame of before is late
+    assert listener.heard[-1] == 24.0
+    closes(20)
+    session.on_measured(20, [seen])
+    assert listener.heard[-1] == 31.0
+    closes(12 + MAX_AGE_NS + 1)
+    session.on_measured(12 + MAX_AGE_NS + 1, [seen])
+    assert math.isnan(listener.heard[-1])  # nobody has read it for ten minutes
+
+
+@pytest.mark.parametrize("celsius", [math.nan, math.inf, 296.15, -273.15])
+def test_what_is_no_rooms_temperature_is_refused(celsius: float) -> None:
+    with pytest.raises(FingerError, match=r"cell/temperature: expected -40 to 85 degC"):
+        RoomTemperature(1, celsius)
+
+
 def test_a_late_sample_does_not_change_what_was_in_use(profiles: dict[str, Profile]) -> None:
-    session, timeline = Session(profiles, {"index": "power"}, WearSettings()), Timeline(span=100)
+    session, timeline = Session(profiles, {"index": "power"}, WearSettings()), Timeline(span_ns=100)
     first, second = session.in_use, replace_free(session.in_use)
-    timeline.note(10, first)
-    timeline.note(20, second)
-    timeline.note(15, first)
+    timeline.record(10, first)
+    timeline.record(20, second)
+    timeline.record(15, first)
     assert [timeline.at(stamp) for stamp in (9, 10, 19, 20, 30)] == [None, first, first, second, second]
-    timeline.note(-100, first)  # the source has started again
+    timeline.record(-100, first)  # the source has started again
     assert (timeline.at(30), timeline.at(-100)) == (first, first)
 
 

@@ -19,7 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, Temperature
 
 from softgrip_interfaces.msg import (
     CellState,
@@ -72,6 +72,7 @@ class Cell(Node):
         self.create_subscription(FingerStates, "finger/predicted", self.predicted.append, SENSOR)
         self.create_subscription(PredictionResidual, "finger/residual", self.residuals.append, SENSOR)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
+        self.thermometer = self.create_publisher(Temperature, "cell/temperature", SENSOR)
         self.client = self.create_client(PredictFinger, "finger/predict")
         self.executor_ = SingleThreadedExecutor()
         self.executor_.add_node(self)
@@ -188,6 +189,21 @@ def test_it_follows_friction_and_mounted_fingers(cell: Cell) -> None:
     hook = cell.prediction(0.010, "rig-1", profile="hook")
     assert hook.joint_angles[1] > hook.joint_angles[0]
     assert cell.predicted[-1].configuration != before
+    assert cell.stop() == 0
+
+
+def test_it_hears_a_thermometer_and_names_one_in_another_unit(cell: Cell) -> None:
+    cell.start(f"profiles_directory:={PROFILES}")
+    cell.prediction(0.010, "braid-tpu-chapter4")
+
+    def says(celsius: float) -> Callable[[], None]:
+        message = Temperature(temperature=celsius)
+        message.header.stamp = to_time_message(cell.stamp)
+        return lambda: cell.thermometer.publish(message)
+
+    cell.until(lambda: cell.health.get("room") == (0, "23.4 degC"), "a temperature", says(23.4))
+    cell.until(lambda: "found 296.5" in cell.health["room"][1], "kelvin refused", says(296.5))
+    assert cell.health["room"][0] == 1
     assert cell.stop() == 0
 
 

@@ -163,7 +163,7 @@ def test_much_more_friction_means_a_worn_cable(closings: Closings) -> None:
 
 
 def test_where_both_moved_both_are_told(closings: Closings) -> None:
-    """The strips decide: measuring the friction anew would hide them in a new baseline."""
+    """The strips decide: measuring the friction again would hide them in a new baseline."""
     closings.run(6, 1.0, 1.0)
     closings.run(6, 1.3, 0.8)
     last = closings.residuals[-1]

@@ -30,7 +30,7 @@ class HealthChange(NamedTuple):
 
 
 class HealthWatch:
-    """Tell which of some nodes do not answer. A node is watched from its first answer on.
+    """Find which of some nodes do not answer. A node is watched from its first answer on.
 
     Args:
         names: of the nodes.
@@ -50,7 +50,7 @@ class HealthWatch:
         """Take a node's answer at a steady time [s]."""
         self._answered[name] = now
 
-    def look(self, now: float) -> HealthChange:
+    def find_changes(self, now: float) -> HealthChange:
         """Return who has fallen silent and who is back at a steady time [s]."""
         if self._looked is not None and now - self._looked > self._max_gap:
             for name in self._answered.keys() - self._silent:
@@ -117,7 +117,7 @@ class HealthMonitor:
         for name, client in self._clients.items():
             self._ping(name, client, now)
         with self._lock:
-            change = self._watch.look(now)
+            change = self._watch.find_changes(now)
         for name in change.silent:
             self._on_silent(name)
         for name in change.back:

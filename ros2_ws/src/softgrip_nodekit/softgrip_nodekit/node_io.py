@@ -60,13 +60,13 @@ class GoalHandle(Protocol):
         """Publish how far it is."""
 
     def succeed(self) -> None:
-        """Say that it was reached."""
+        """Report that it was reached."""
 
     def abort(self) -> None:
-        """Say that it was not reached."""
+        """Report that it was not reached."""
 
     def canceled(self) -> None:
-        """Say that it ended because the client wanted it to."""
+        """Report that it ended because the client wanted it to."""
 
 
 Execute = Callable[[GoalHandle], Awaitable[Any]]
@@ -183,10 +183,10 @@ class StepLog(Protocol):
     def start(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:
         """Begin the first step: write down what the node remembers, or give it back."""
 
-    def begin(self, name: str, data: bytes = b"", stamp: int = 0) -> None:
+    def begin_step(self, name: str, data: bytes = b"", stamp: int = 0) -> None:
         """Begin a step."""
 
-    def say(self, name: str, message: Any) -> None:
+    def record_output(self, name: str, message: Any) -> None:
         """Take what leaves the node in the present step: a message, or bytes."""
 
     def observe(self, name: str, read: Callable[[], bytes]) -> bytes:
@@ -211,14 +211,14 @@ class StepTrace:
 
     def start(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:  # noqa: ARG002  a replay's part
         """Begin the first step with what the node remembers."""
-        self.begin("start", save())
+        self.begin_step("start", save())
 
-    def begin(self, name: str, data: bytes = b"", stamp: int = 0) -> None:
+    def begin_step(self, name: str, data: bytes = b"", stamp: int = 0) -> None:
         """Begin a step."""
         self._begun_ns = self._io.now_ns(), self._io.monotonic_ns()
         self._append(name, data, stamp)
 
-    def say(self, name: str, message: Any) -> None:
+    def record_output(self, name: str, message: Any) -> None:
         """Write down what leaves."""
         self._append(name, as_bytes(message))
 
@@ -279,7 +279,7 @@ class RecordingIo(NodeIo):
         name = f"topic {self._node.resolve_topic_name(topic)}"
 
         def received(message: Any) -> None:
-            self._log.begin(name, stamp=nanoseconds(message.header.stamp))
+            self._log.begin_step(name, stamp=nanoseconds(message.header.stamp))
             callback(message)
 
         self._io.create_subscription(kind, topic, received, qos)
@@ -296,9 +296,9 @@ class RecordingIo(NodeIo):
         full = self._resolve(name)
 
         def requested(request: Any, response: Any) -> Any:
-            self._log.begin(f"request {full}", as_bytes(request))
+            self._log.begin_step(f"request {full}", as_bytes(request))
             response = callback(request, response)
-            self._log.say(f"answered {full}", response)
+            self._log.record_output(f"answered {full}", response)
             return response
 
         return requested
@@ -307,7 +307,7 @@ class RecordingIo(NodeIo):
         """Make a timer; the log does not tell several apart."""
 
         def due() -> None:
-            self._log.begin("timer")
+            self._log.begin_step("timer")
             callback()
 
         self._io.create_timer(period_s, due)
@@ -319,15 +319,15 @@ class RecordingIo(NodeIo):
 
         async def accepted(handle: GoalHandle) -> Any:
             key = bytes(handle.goal_id.uuid)
-            self._log.begin(f"goal {full}", key + as_bytes(handle.request))
+            self._log.begin_step(f"goal {full}", key + as_bytes(handle.request))
             result = await execute(_RecordedGoal(self._log, full, handle, to_cancel))
             to_cancel.discard(key)
-            self._log.say(f"finished {full}", result)
+            self._log.record_output(f"finished {full}", result)
             return result
 
         def cancelled(handle: GoalHandle) -> CancelResponse:
             key = bytes(handle.goal_id.uuid)
-            self._log.begin(f"cancel {full}", key)
+            self._log.begin_step(f"cancel {full}", key)
             to_cancel.add(key)
             return cancel(_RecordedGoal(self._log, full, handle, to_cancel))
 
@@ -345,7 +345,7 @@ class RecordingIo(NodeIo):
         """Run work in a step of its own, once the present one is over."""
 
         def due() -> None:
-            self._log.begin("later")
+            self._log.begin_step("later")
             work(*arguments)
 
         self._io.create_task(due)
@@ -353,7 +353,7 @@ class RecordingIo(NodeIo):
     async def wait_for(self, name: str, future: Future) -> Any:
         """Wait, then begin a step."""
         result = await self._io.wait_for(name, future)
-        self._log.begin(f"resumed {name}")
+        self._log.begin_step(f"resumed {name}")
         return result
 
     def next_number(self) -> bytes:
@@ -412,19 +412,19 @@ class _RecordedGoal:
         return bytes(self._handle.goal_id.uuid) in self._to_cancel
 
     def publish_feedback(self, feedback: Any) -> None:
-        self._log.say(f"feedback {self._name}", feedback)
+        self._log.record_output(f"feedback {self._name}", feedback)
         self._handle.publish_feedback(feedback)
 
     def succeed(self) -> None:
-        self._log.say(f"succeeded {self._name}", b"")
+        self._log.record_output(f"succeeded {self._name}", b"")
         self._handle.succeed()
 
     def abort(self) -> None:
-        self._log.say(f"aborted {self._name}", b"")
+        self._log.record_output(f"aborted {self._name}", b"")
         self._handle.abort()
 
     def canceled(self) -> None:
-        self._log.say(f"canceled {self._name}", b"")
+        self._log.record_output(f"canceled {self._name}", b"")
         self._handle.canceled()
 
 
@@ -442,11 +442,11 @@ class _RecordedClient:
 
     def call_async(self, request: Any) -> Answer:
         number, answer = self._io.next_number(), Answer()
-        self._log.say(f"called {self._name}", request)
+        self._log.record_output(f"called {self._name}", request)
 
         def responded(future: Any) -> None:
             response = future.result()
-            self._log.begin(f"response {self._name}", number + (b"" if response is None else as_bytes(response)))
+            self._log.begin_step(f"response {self._name}", number + (b"" if response is None else as_bytes(response)))
             answer.set_result(response)
 
         self._client.call_async(request).add_done_callback(responded)
@@ -467,11 +467,11 @@ class _RecordedActionClient:
 
     def send_goal_async(self, goal: Any) -> Answer:
         number, answer = self._io.next_number(), Answer()
-        self._log.say(f"sent {self._name}", goal)
+        self._log.record_output(f"sent {self._name}", goal)
 
         def taken(future: Any) -> None:
             handle = future.result()
-            self._log.begin(f"taken {self._name}", number + bytes([handle.accepted]))
+            self._log.begin_step(f"taken {self._name}", number + bytes([handle.accepted]))
             answer.set_result(_RecordedSentGoal(self._log, self._name, number, handle))
 
         self._client.send_goal_async(goal).add_done_callback(taken)
@@ -489,7 +489,7 @@ class _RecordedSentGoal:
         self.accepted = bool(handle.accepted)
 
     def cancel_goal_async(self) -> None:
-        self._log.say(f"withdrawn {self._name}", self._number)
+        self._log.record_output(f"withdrawn {self._name}", self._number)
         self._handle.cancel_goal_async()
 
     def get_result_async(self) -> Answer:
@@ -497,7 +497,7 @@ class _RecordedSentGoal:
 
         def done(future: Any) -> None:
             response = future.result()
-            self._log.begin(f"result {self._name}", self._number + as_bytes(response.result))
+            self._log.begin_step(f"result {self._name}", self._number + as_bytes(response.result))
             answer.set_result(response)
 
         self._handle.get_result_async().add_done_callback(done)

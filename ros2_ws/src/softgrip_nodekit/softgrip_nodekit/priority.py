@@ -88,7 +88,7 @@ class WhileBrief:
         self._in_front = priority > 0
         self._brief = 0
 
-    def note(self, seconds: float) -> None:
+    def add_turn(self, seconds: float) -> None:
         """Note how much processor time [s] a turn took."""
         if self._priority == 0:
             return

@@ -19,7 +19,7 @@ RELIABLE = QoSProfile(
     durability=DurabilityPolicy.VOLATILE,
 )
 
-#: Calibration, mode, mounted fingers, e-stop: whoever comes late gets the last one.
+#: Calibration, mode, mounted fingers, e-stop: a late subscriber receives the last one.
 LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,

@@ -45,7 +45,7 @@ class Standstill:
         self._until = -math.inf
         self._stood_s = 0.0
 
-    def look(self) -> float:
+    def measure_gap(self) -> float:
         """Return for how long callbacks have stood still since the last look [s], 0 where they have not."""
         with self._lock:
             now = self._now_s()
@@ -60,7 +60,7 @@ class Standstill:
         """Return why an order that is taken now may be too old to be obeyed, empty when it is not."""
         if self._looked is None:
             return ""
-        self.look()
+        self.measure_gap()
         if self._now_s() >= self._until:
             return ""
         return (
@@ -89,7 +89,7 @@ class OrderGuard:
         return "" if time_waits_for(self._node) else self._standstill.refusal()
 
     def _look(self) -> None:
-        stood_s = self._standstill.look()
+        stood_s = self._standstill.measure_gap()
         if stood_s and not time_waits_for(self._node):
             self._node.get_logger().warning(
                 f"stood still for {stood_s:.1f} s; for {QUARANTINE_S:g} s orders are refused, which may be as old"

@@ -64,7 +64,7 @@ class UrgentServer:
             return response
 
     def _look(self) -> None:
-        stood_s = self._standstill.look()
+        stood_s = self._standstill.measure_gap()
         if stood_s and not time_waits_for(self._node):
             self._on_standstill(stood_s)
 

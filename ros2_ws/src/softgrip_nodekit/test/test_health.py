@@ -24,7 +24,7 @@ def test_silence_counts_from_the_last_answer_and_is_told_once() -> None:
         now = 0.5 * tick
         if not 2.0 < now < 6.0:
             watch.take_answer("manager", now)
-        change = watch.look(now)
+        change = watch.find_changes(now)
         reported += [(now, "silent", name) for name in change.silent] + [(now, "back", name) for name in change.back]
     assert reported == [(3.5, "silent", "manager"), (6.0, "back", "manager")]
     assert watch.silent == []
@@ -32,15 +32,15 @@ def test_silence_counts_from_the_last_answer_and_is_told_once() -> None:
 
 def test_a_node_that_was_never_there_is_not_missed() -> None:
     watch = HealthWatch(["manager"])
-    assert [watch.look(0.5 * tick).silent for tick in range(10)] == [[]] * 10
+    assert [watch.find_changes(0.5 * tick).silent for tick in range(10)] == [[]] * 10
 
 
 def test_a_watcher_that_stood_still_gives_all_their_time_again() -> None:
     watch = HealthWatch(["manager"], limit_s=1.0, max_gap_s=0.5)
     watch.take_answer("manager", 0.0)
-    assert watch.look(0.25).silent == []
-    assert watch.look(5.0).silent == []  # this process was frozen, not the manager
-    assert [watch.look(5.0 + 0.25 * tick).silent for tick in range(1, 6)] == [[], [], [], [], ["manager"]]
+    assert watch.find_changes(0.25).silent == []
+    assert watch.find_changes(5.0).silent == []  # this process was frozen, not the manager
+    assert [watch.find_changes(5.0 + 0.25 * tick).silent for tick in range(1, 6)] == [[], [], [], [], ["manager"]]
 
 
 class Watched:

@@ -109,16 +109,16 @@ def test_long_work_goes_behind_until_it_is_brief_again(monkeypatch: pytest.Monke
     monkeypatch.setattr(priority, "own_threads", lambda: [0])
     brief = WhileBrief(10, longest_s=0.01, turns=3)
     for seconds in (0.002, 0.01):
-        brief.note(seconds)
+        brief.add_turn(seconds)
     assert given == []
     for seconds in (0.011, 0.5):
-        brief.note(seconds)
+        brief.add_turn(seconds)
     assert given == [(os.SCHED_OTHER, 0)]  # told once
     for seconds in (0.002, 0.002, 0.02, 0.002, 0.002):
-        brief.note(seconds)
+        brief.add_turn(seconds)
     assert given == [(os.SCHED_OTHER, 0)]  # not three in a row
-    brief.note(0.002)
-    brief.note(0.002)
+    brief.add_turn(0.002)
+    brief.add_turn(0.002)
     assert given == [(os.SCHED_OTHER, 0), (os.SCHED_FIFO, 10)]
 
 
@@ -126,4 +126,4 @@ def test_who_was_never_in_front_is_left_alone(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(os, "sched_setscheduler", lambda *_: pytest.fail("nobody asked for it"))
     brief = WhileBrief(0, turns=1)
     for seconds in (1.0, 0.001, 0.001):
-        brief.note(seconds)
+        brief.add_turn(seconds)

@@ -41,7 +41,7 @@ def now() -> Time:
 @pytest.fixture
 def standstill(now: Time) -> Standstill:
     started = Standstill(now)
-    started.look()
+    started.measure_gap()
     return started
 
 
@@ -49,7 +49,7 @@ def test_a_node_that_goes_on_all_the_time_refuses_nothing(now: Time, standstill:
     for _ in range(100):
         now.now_s += 1.0
         assert standstill.refusal() == ""
-        assert standstill.look() == 0.0
+        assert standstill.measure_gap() == 0.0
 
 
 def test_the_first_one_that_looks_notices_and_orders_are_refused_for_a_second(
@@ -67,8 +67,8 @@ def test_a_timer_that_notices_first_does_not_let_the_orders_behind_it_through(
     now: Time, standstill: Standstill
 ) -> None:
     now.now_s += 5.0
-    assert standstill.look() == 5.0
-    assert standstill.look() == 0.0
+    assert standstill.measure_gap() == 5.0
+    assert standstill.measure_gap() == 0.0
     assert "stood still for 5.0 s" in standstill.refusal()
 
 
@@ -82,7 +82,7 @@ def test_what_waited_for_a_node_to_start_is_not_refused(now: Time) -> None:
     starting = Standstill(now)
     now.now_s += 60.0
     assert starting.refusal() == ""
-    assert starting.look() == 0.0
+    assert starting.measure_gap() == 0.0
     assert starting.refusal() == ""
 
 

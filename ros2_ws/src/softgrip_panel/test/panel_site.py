@@ -138,14 +138,14 @@ class PretendedCell:
 
     def _swap(self, act: Act, who: str) -> ActResult:
         with self.state.locked() as state:
-            state.swap.begin(act.call.request["finger_set"], who, time.time())
+            state.swap.begin_swap(act.call.request["finger_set"], who, time.time())
             state.swap.observe("open_palm", "Open the palm.", "t0ken", needs_confirmation=True)
             state.observe_cell(replace(state.cell, mode="SWAPPING"))
         return ActResult(success=True, message="begun")
 
     def _confirm_step(self, act: Act, who: str) -> ActResult:
         request, swap = act.call.request, self.state.swap
-        if request["token"] != "t0ken" or request["step"] != swap.view.step:
+        if request["token"] != "t0ken" or act.subject.split()[0] != swap.view.step:
             return ActResult(success=False, message="expected another step")
         step = STEPS[STEPS.index(swap.view.step) + 1]
         with self.state.locked() as state:

@@ -85,7 +85,7 @@ def test_the_command_adds_lists_and_removes(
 def test_sessions_end_by_idleness_age_and_log_out() -> None:
     clock, ended = ManualClock(), []
     sessions = Sessions(clock, ended.append)
-    token = sessions.begin("Ada", Role.OPERATE)
+    token = sessions.open_session("Ada", Role.OPERATE)
     person = sessions.find(token)
     assert person is not None
     assert token not in repr(person)
@@ -95,7 +95,7 @@ def test_sessions_end_by_idleness_age_and_log_out() -> None:
     clock.s += IDLE_S + 1.0
     assert sessions.find(token) is None
     assert ended == [person.session]
-    token = sessions.begin("Ada", Role.OPERATE)
+    token = sessions.open_session("Ada", Role.OPERATE)
     for _ in range(int(OLD_S / IDLE_S) + 1):
         clock.s += IDLE_S
         sessions.find(token)
@@ -202,7 +202,7 @@ def gate() -> Any:
 
     sessions = Sessions(ManualClock())
     made = Gate(app, RULE, sessions, lambda address, path, reason: refused.append(reason))
-    made.passed, made.refused, made.token = passed, refused, sessions.begin("Ada", Role.OPERATE)  # type: ignore[attr-defined]
+    made.passed, made.refused, made.token = passed, refused, sessions.open_session("Ada", Role.OPERATE)  # type: ignore[attr-defined]
     return made
 
 

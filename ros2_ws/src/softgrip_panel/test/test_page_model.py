@@ -65,10 +65,10 @@ class Calls:
 
 def test_control_is_one_persons_until_it_is_handed_over(clock: ManualClock) -> None:
     desk = ControlDesk(clock)
-    desk.take(ADA)
+    desk.take_control(ADA)
     with pytest.raises(ActRefusedError, match="Ada has it"):
-        desk.take(BOB)
-    desk.see(BOB.session)
+        desk.take_control(BOB)
+    desk.observe_page(BOB.session)
     desk.ask(BOB)
     assert desk.view.asked_by == BOB
     assert desk.has(ADA)
@@ -79,22 +79,22 @@ def test_control_is_one_persons_until_it_is_handed_over(clock: ManualClock) -> N
 
 def test_control_of_somebody_without_an_open_page_is_shown_as_lost_and_can_be_taken(clock: ManualClock) -> None:
     desk = ControlDesk(clock)
-    desk.take(ADA)
+    desk.take_control(ADA)
     clock.s += LOST_S
     assert not desk.view.is_lost
     clock.s += 0.1
     assert desk.view.is_lost
     assert desk.has(ADA)  # it stays Ada's while nobody takes it
-    desk.take(BOB)
+    desk.take_control(BOB)
     assert desk.has(BOB)
 
 
 def test_who_only_looks_never_has_control_and_force_needs_an_engineer_with_a_reason(clock: ManualClock) -> None:
     desk = ControlDesk(clock)
-    for wrong in (lambda: desk.take(EVE), lambda: desk.ask(EVE), lambda: desk.force(BOB, "because")):
+    for wrong in (lambda: desk.take_control(EVE), lambda: desk.ask(EVE), lambda: desk.force(BOB, "because")):
         with pytest.raises(ActRefusedError):
             wrong()
-    desk.take(ADA)
+    desk.take_control(ADA)
     with pytest.raises(ActRefusedError, match="reason"):
         desk.force(IDA, "  ")
     desk.force(IDA, "Ada went home")
@@ -103,7 +103,7 @@ def test_who_only_looks_never_has_control_and_force_needs_an_engineer_with_a_rea
 
 def test_a_session_that_ends_frees_control(clock: ManualClock) -> None:
     desk = ControlDesk(clock)
-    desk.take(ADA)
+    desk.take_control(ADA)
     desk.forget(ADA.session)
     assert desk.view.owner is None
 
@@ -116,7 +116,7 @@ class ControlMachine(RuleBasedStateMachine):
         self.clock = ManualClock(1000.0)
         self.desk = ControlDesk(self.clock)
 
-    @rule(person=st.sampled_from(EVERYBODY), act=st.sampled_from(["take", "ask", "hand_over", "give_back"]))
+    @rule(person=st.sampled_from(EVERYBODY), act=st.sampled_from(["take_control", "ask", "hand_over", "give_back"]))
     def act(self, person: Person, act: str) -> None:
         before = self.desk.view
         try:
@@ -137,7 +137,7 @@ class ControlMachine(RuleBasedStateMachine):
 
     @rule(person=st.sampled_from(EVERYBODY))
     def see(self, person: Person) -> None:
-        self.desk.see(person.session)
+        self.desk.observe_page(person.session)
 
     @rule(seconds=st.sampled_from([0.1, 5.0, 20.0]))
     def wait(self, seconds: float) -> None:
@@ -173,7 +173,7 @@ def test_no_act_without_role_and_control(act: Act, state: PanelState) -> None:
         result = run(desk, person, act)
         may = person.role >= act.role and not act.needs_control
         assert result.success is may, (person.name, result.message)
-    state.control.take(ADA)
+    state.control.take_control(ADA)
     assert run(desk, ADA, act).success is (ADA.role >= act.role)
     assert run(desk, BOB, act).success is (BOB.role >= act.role and not act.needs_control)
     assert {who for name, who in calls.acts if act.needs_control} <= {"Ada"}
@@ -188,7 +188,7 @@ def test_whoever_sees_the_page_may_stop_and_who_operates_may_let_go() -> None:
 def test_every_act_is_recorded_with_name_and_end_and_without_tokens(state: PanelState, tmp_path: Path) -> None:
     desk = ActDesk(state, Calls(), ActRecord(tmp_path / "acts.jsonl", lambda: 12.5))
     run(desk, EVE, acts.grasp("egg"))
-    state.control.take(ADA)
+    state.control.take_control(ADA)
     run(desk, ADA, acts.confirm_step("insert", "s3cret-token", ["A", "B", "C"]))
     lines = [json.loads(line) for line in (tmp_path / "acts.jsonl").read_text().splitlines()]
     assert [(one["who"], one["act"], one["success"]) for one in lines] == [
@@ -214,7 +214,7 @@ def test_an_act_that_the_panel_did_not_outlive_names_who_began_it(act: Act, stat
     desk = ActDesk(state, EndlessCalls(), ActRecord(tmp_path / "acts.jsonl", lambda: 12.5))
     audited: list[tuple[str, str, str, str]] = []
     desk.on_done = lambda *line: audited.append(line)
-    state.control.take(IDA)
+    state.control.take_control(IDA)
 
     async def end_in_the_midst() -> None:
         with contextlib.suppress(TimeoutError):
@@ -234,13 +234,13 @@ def test_log_ins_reach_the_audit_table_and_strangers_do_not_fill_it(state: Panel
     audited: list[tuple[str, str, str, str]] = []
     desk.on_done = lambda *line: audited.append(line)
     for _ in range(1000):
-        desk.note("10.0.0.9", "request", "/grasps.csv", success=False, message="no session")
-    desk.note("Ada", "login", "10.0.0.8", success=True, message="operates")
+        desk.record_event("10.0.0.9", "request", "/grasps.csv", success=False, message="no session")
+    desk.record_event("Ada", "login", "10.0.0.8", success=True, message="operates")
     assert audited[0] == ("10.0.0.9", "request", "/grasps.csv", "refused: no session")
     assert len(audited) == MAX_STRANGERS + 1
     assert audited[-1] == ("Ada", "login", "10.0.0.8", "operates")
     clock.s += STRANGERS_S
-    desk.note("10.0.0.9", "request", "/", success=False, message="no session")
+    desk.record_event("10.0.0.9", "request", "/", success=False, message="no session")
     assert len(audited) == MAX_STRANGERS + 2
 
 
@@ -253,7 +253,7 @@ def test_a_run_is_begun_by_who_has_control_and_ended_by_who_operates(state: Pane
     worker.run.plan([PlannedStep("egg", 1, "power", False, 0.9, 4.0)], answer)
 
     async def play() -> list[bool]:
-        state.control.take(ADA)
+        state.control.take_control(ADA)
         begun = [worker.start(one, WorkOptions()).success for one in (EVE, BOB, ADA, ADA)]
         ended = [worker.pause(one).success for one in (EVE, BOB, BOB)]
         return [*begun, *ended]
@@ -406,7 +406,7 @@ def test_a_swap_is_taken_up_after_the_panels_end(tmp_path: Path) -> None:
     file = tmp_path / "panel" / "swap.json"
     first = SwapProgress()
     first.keep_in(file)
-    first.begin("pinch", "Ada", 100.0)
+    first.begin_swap("pinch", "Ada", 100.0)
     first.observe("insert", "Insert them.", "t0ken", needs_confirmation=True)
     assert file.stat().st_mode & 0o077 == 0  # it holds the token
     second = SwapProgress()
@@ -578,7 +578,7 @@ def test_two_hundred_operators_with_a_thousand_acts_each_break_no_rule() -> None
         for _ in range(200 * 1000):
             person = calls.person = chance.choice(people)
             clock.s += 0.01
-            state.control.see(person.session)
+            state.control.observe_page(person.session)
             what = chance.random()
             if what < 0.6:
                 act = chance.choice(acts.EXAMPLES)

@@ -136,7 +136,7 @@ def test_weights_show_by_how_much_a_tension_is_off() -> None:
     for mass_kg in (0.2, 0.5, 1.0):
         for tendon, factor in (("index", 1.1), ("thumb", 0.7)):
             weight_n = mass_kg * GRAVITY_M_S2
-            check.take(tendon, mass_kg, [factor * weight_n + swing for swing in (-0.05, 0.0, 0.05, 0.0, 0.0)])
+            check.add_weight(tendon, mass_kg, [factor * weight_n + swing for swing in (-0.05, 0.0, 0.05, 0.0, 0.0)])
     assert check.factors() == pytest.approx({"index": 1.1, "thumb": 0.7}, abs=1e-9)
     assert check.is_good("index")
     assert not check.is_good("thumb")
@@ -155,7 +155,7 @@ def test_weights_show_by_how_much_a_tension_is_off() -> None:
 def test_a_weight_that_says_nothing_is_refused(mass_kg: float, readings: list[float], said: str) -> None:
     check = WeightCheck()
     with pytest.raises(PanelError, match=said):
-        check.take("index", mass_kg, readings)
+        check.add_weight("index", mass_kg, readings)
     assert check.points == ()
 
 
@@ -195,7 +195,7 @@ def bedding(state: PanelState, monkeypatch: pytest.MonkeyPatch) -> tuple[Tension
 
 def test_rounds_go_on_until_no_zero_moves(state: PanelState, bedding: tuple[Tensioning, Cell]) -> None:
     work, cell = bedding
-    state.control.take(IDA)
+    state.control.take_control(IDA)
 
     async def rounds() -> None:
         for _ in range(3):
@@ -211,7 +211,7 @@ def test_rounds_go_on_until_no_zero_moves(state: PanelState, bedding: tuple[Tens
 @pytest.mark.parametrize("refused", ["home", "pull", "slacken"])
 def test_a_refused_step_ends_the_round(state: PanelState, bedding: tuple[Tensioning, Cell], refused: str) -> None:
     work, cell = bedding
-    state.control.take(IDA)
+    state.control.take_control(IDA)
     cell.refuses = refused
     asyncio.run(work.run_round(IDA))
     assert work.problem == f"{refused}: expected something else"
@@ -225,7 +225,7 @@ def test_without_control_or_as_an_operator_nothing_is_pulled(
     work, cell = bedding
     asyncio.run(work.run_round(IDA))
     assert "expected you to have control" in work.problem
-    state.control.take(ADA)
+    state.control.take_control(ADA)
     asyncio.run(work.run_round(ADA))
     assert "expected the role engineer" in work.problem
     assert "pull" not in cell.done
@@ -235,7 +235,7 @@ def test_a_round_whose_watcher_has_left_ends(
     state: PanelState, bedding: tuple[Tensioning, Cell], clock: ManualClock
 ) -> None:
     work, cell = bedding
-    state.control.take(IDA)
+    state.control.take_control(IDA)
     clock.s += LOST_S + 1.0
     asyncio.run(work.run_round(IDA))
     assert "no open page of yours" in work.problem
@@ -244,7 +244,7 @@ def test_a_round_whose_watcher_has_left_ends(
 
 def test_a_silent_driver_ends_the_round(state: PanelState, bedding: tuple[Tensioning, Cell]) -> None:
     work, cell = bedding
-    state.control.take(IDA)
+    state.control.take_control(IDA)
     cell.is_silent = True
     asyncio.run(work.run_round(IDA))
     assert "/diagnostics" in work.problem
@@ -256,12 +256,12 @@ def test_a_silent_driver_ends_the_round(state: PanelState, bedding: tuple[Tensio
 
 def test_views_are_refused_where_they_show_nothing_new(tmp_path: Path, board_pictures: list[bytes]) -> None:
     lens = LensViews(tmp_path / "views")
-    lens.take(board_pictures[0])
+    lens.add_view(board_pictures[0])
     with pytest.raises(PanelError, match="in another place"):
-        lens.take(board_pictures[0])
+        lens.add_view(board_pictures[0])
     for wrong in (b"", b"\xff\xd8 no picture"):
         with pytest.raises(PanelError, match="none that can be read"):
-            lens.take(wrong)
+            lens.add_view(wrong)
     assert len(lens.views) == len(list((tmp_path / "views").iterdir())) == 1
     assert 0 < sum(map(sum, lens.covered())) < 16
     lens.start(9, 6, 16.0)
@@ -274,18 +274,18 @@ def test_views_are_refused_where_they_show_nothing_new(tmp_path: Path, board_pic
 def test_a_picture_that_claims_too_many_pixels_is_refused_before_it_is_unpacked() -> None:
     header = b"\x89PNG\r\n\x1a\n" + struct.pack(">I4sII5B", 13, b"IHDR", 60_000, 60_000, 8, 2, 0, 0, 0)
     with pytest.raises(PanelError, match=r"expected an image of 32000000 pixels at most, found 60000x60000"):
-        LensViews(None).take(header)
+        LensViews(None).add_view(header)
 
 
 def test_the_lens_of_the_pictures_is_found_and_too_few_are_not(board_pictures: list[bytes]) -> None:
     lens = LensViews(None)
     for jpeg in board_pictures[:4]:
-        lens.take(jpeg)
+        lens.add_view(jpeg)
     lens.find_lens()
     assert lens.fit is None
     assert "at least 8" in lens.problem
     for jpeg in board_pictures[4:]:
-        lens.take(jpeg)
+        lens.add_view(jpeg)
     lens.find_lens()
     assert lens.fit is not None
     assert lens.fit.lens.matrix[0, 0] == pytest.approx(905.0, rel=0.005)  # what they were drawn with

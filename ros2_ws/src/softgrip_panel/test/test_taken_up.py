@@ -10,9 +10,11 @@ import pytest
 
 from softgrip_interfaces.action import CalibrateFriction
 from softgrip_interfaces.msg import FrictionSample, RigProgress
+from softgrip_interfaces.srv import ConfirmStep
 from softgrip_panel.model import acts
+from softgrip_panel.model.swap import CONFIRMED, HANDS_OUT, STEPS
 from softgrip_panel.nodes.cell_calls import RosCalls
-from softgrip_panel.nodes.convert import rig_progress
+from softgrip_panel.nodes.convert import SWAP_STEPS, rig_progress
 
 pytestmark = pytest.mark.ros
 
@@ -36,6 +38,13 @@ def test_the_end_of_a_measurement_and_what_can_be_resumed_are_said() -> None:
     ended = RigProgress(outcome=CalibrateFriction.Result.SUCCEEDED, reason="usable", model="braid")
     assert (rig_progress(ended).message, rig_progress(ended).fitted) == ("SUCCEEDED: usable", "braid")
     assert rig_progress(RigProgress(reason="resume it")).message == "resume it"
+
+
+def test_the_steps_of_a_swap_have_the_numbers_of_the_interfaces() -> None:
+    assert tuple(SWAP_STEPS.values()) == STEPS[:-1]
+    for step in (*CONFIRMED, HANDS_OUT):
+        assert acts.confirm_step(step, "").call.request["step"] == getattr(ConfirmStep.Request, step.upper())
+    assert acts.confirm_step("verify", "").call.request["step"] == ConfirmStep.Request.UNSET
 
 
 class CancelClient(SimpleNamespace):

@@ -14,7 +14,7 @@ from softgrip_bag.reader import RawMessage, attachments, facts, read, topic_summ
 from softgrip_bag.schema_text import FindInterface, schema_text
 from softgrip_bag.writer import BagWriter, Topic
 
-#: Written anew for each file.
+#: Written again for each file.
 _NOT_COPIED = "rosbag2"
 
 

@@ -28,7 +28,7 @@ class FreeDomains:
         self._turns = itertools.islice(itertools.cycle(self._all), start % len(self._all), None)
         self._locks: dict[int, int] = {}
 
-    def take(self) -> int:
+    def take_domain(self) -> int:
         """Return the next domain that nobody holds.
 
         Raises:

@@ -89,7 +89,7 @@ class RigHands:
         self.before: Callable[[ProcedureStep], None] = lambda _: None
         self.on_sample: Callable[[RigSample], None] = lambda _: None
 
-    def tell(self, step: ProcedureStep) -> None:
+    def show_step(self, step: ProcedureStep) -> None:
         """Keep a step that was announced."""
         self.steps.append(step)
 

@@ -8,6 +8,8 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol
 
+from softgrip_time.units import to_ns
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from contextlib import AbstractContextManager
@@ -61,7 +63,7 @@ class WallClock:
 
     def epoch_ns(self, at_s: float) -> int:
         """See `Clock`."""
-        return time.time_ns() - round((time.monotonic() - at_s) * 1e9)
+        return time.time_ns() - to_ns(time.monotonic() - at_s)
 
     def wait(self, until_s: float) -> None:
         """See `Clock`."""

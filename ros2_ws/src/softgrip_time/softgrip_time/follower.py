@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from softgrip_time.connection import Connection, TimeServerLostError
 from softgrip_time.protocol import Join, Progress
+from softgrip_time.units import to_ns, to_s
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,13 +30,13 @@ class Follower:
 
     def __init__(self, path: Path, name: str, follows: str = "clock", lag_s: float = 0.05) -> None:
         self._connection = Connection(path, Join(name, follows, lag_s))
-        self._epoch_ns = round(self._connection.joined.epoch_s * 1e9)
+        self._epoch_ns = to_ns(self._connection.joined.epoch_s)
         self._reached_s = -1.0
         self._lock = threading.Lock()
 
     def report(self, epoch_ns: int) -> None:
         """Report that all is done up to a time since the epoch [ns]; no effect when the server has ended."""
-        time_s = 1e-9 * (epoch_ns - self._epoch_ns)
+        time_s = to_s(epoch_ns - self._epoch_ns)
         with self._lock, suppress(TimeServerLostError):
             if time_s > self._reached_s:
                 self._reached_s = time_s

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from softgrip_time.connection import Connection, TimeServerLostError
 from softgrip_time.protocol import Join, TimeGrant
+from softgrip_time.units import to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -51,7 +52,7 @@ class SimulatedClock:
 
     def epoch_ns(self, at_s: float) -> int:
         """See `Clock`."""
-        return round(self._epoch_s * 1e9) + round(at_s * 1e9)
+        return to_ns(self._epoch_s) + to_ns(at_s)
 
     def wait(self, until_s: float) -> None:
         """See `Clock`."""

@@ -31,8 +31,8 @@ class FrameWatch:
         self._same_since = 0
         self._stamps: deque[int] = deque()
 
-    def see(self, frame: CameraFrame) -> None:
-        """Take note of a frame."""
+    def observe_frame(self, frame: CameraFrame) -> None:
+        """Record a frame."""
         if self._last is None or not _same(frame, self._last):
             self._same_since = frame.stamp_ns
         self._last = frame

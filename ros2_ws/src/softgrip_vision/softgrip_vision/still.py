@@ -31,7 +31,7 @@ class StillWatch:
         self.reset()
 
     def reset(self) -> None:
-        """Have the next frames measured, whatever they show."""
+        """Measure the next frames, whatever they show."""
         self._reference: NDArray[np.uint8] | None = None
         self._measured_s = self._changed_s = math.nan
 

@@ -347,7 +347,7 @@ def run(source: str, frames: list[CameraFrame], *, repeat: bool = False) -> Capt
     """Start a capture that puts its frames into a list."""
 
     def on_frame() -> None:
-        frame = capture.take()
+        frame = capture.take_frame()
         if frame is not None:
             frames.append(frame)
 
@@ -397,7 +397,7 @@ def test_capture_drops_the_oldest_rather_than_lag(serve: Serve, part: Part, jpeg
     capture.start()
     assert until(lambda: capture.status.frames == 10)
     assert capture.status.dropped == 8
-    kept = [capture.take(), capture.take(), capture.take()]
+    kept = [capture.take_frame(), capture.take_frame(), capture.take_frame()]
     assert [frame.stamp_ns // 1_000_000_000 for frame in kept if frame] == [8, 9]
     capture.stop()
 

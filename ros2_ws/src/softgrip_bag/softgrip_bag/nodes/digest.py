@@ -76,7 +76,7 @@ class _Reader:
         self.predicted: dict[tuple[str, str], list[Tip]] = defaultdict(list)
         self.errors: dict[str, list[tuple[int, float]]] = defaultdict(list)
 
-    def take(self, raw: RawMessage, message: Any) -> None:
+    def read_message(self, raw: RawMessage, message: Any) -> None:
         name = raw.topic.removeprefix(self._cell).strip("/").replace("/", "_")
         getattr(self, f"_{name}")(raw.received, message)
 
@@ -155,7 +155,7 @@ def digest(bag: Path) -> Story:
     reader = _Reader(recorded.cell)
     topics = {topic if topic in _SHARED else recorded.cell + topic: kind for topic, kind in _READ.items()}
     for raw in recorded.read({topic for topic, kind in topics.items() if recorded.types.get(topic) == kind}):
-        reader.take(raw, deserialize_message(raw.data, message_class(raw.type_name)))
+        reader.read_message(raw, deserialize_message(raw.data, message_class(raw.type_name)))
     story = reader.story
     story.closings.extend(_closings(reader))
     if recorded.types.get(recorded.cell + _TRACE) == "softgrip_interfaces/msg/NodeTrace":

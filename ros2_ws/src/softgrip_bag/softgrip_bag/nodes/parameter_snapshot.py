@@ -28,7 +28,7 @@ from softgrip_bag.mcap_file import Attachment
 from softgrip_bag.redaction import redact, redact_value
 
 PARAMETER_EVENT = "rcl_interfaces/msg/ParameterEvent"
-#: [s] a node that has not answered until then is asked anew.
+#: [s] a node that has not answered until then is asked again.
 ANSWER_TIMEOUT_S = 5.0
 #: [s] between two tries to read a file that is not there.
 RETRY_S = 0.5
@@ -57,7 +57,7 @@ class FileReader:
         self._thread.start()
 
     def request(self, node: str, parameter: str, path: str) -> None:
-        """Have a file or a folder's YAML files read; one that is asked for already is not asked for twice."""
+        """Read a file or a folder's YAML files in the thread; one that is asked for already is not asked for twice."""
         if (node, parameter, path) not in self._pending:
             self._pending.add((node, parameter, path))
             self._asked.put((node, parameter, path))
@@ -94,7 +94,7 @@ class FileReader:
 
 
 class ParameterSnapshot:
-    """Call `look` now and then: every node that has appeared is asked once.
+    """Call `ask_nodes` now and then: every node that has appeared is asked once.
 
     Args:
         node: whose clients are used.
@@ -132,7 +132,7 @@ class ParameterSnapshot:
         """End the thread that reads files."""
         self._files.close()
 
-    def look(self) -> None:
+    def ask_nodes(self) -> None:
         """Ask nodes that have not answered; try again to read files that were not there."""
         for name, namespace in self._node.get_node_names_and_namespaces():
             full = f"{namespace.rstrip('/')}/{name}"

@@ -12,7 +12,7 @@ from rclpy.serialization import serialize_message
 from softgrip_bag.definition import Decoded, Definition, decode, parse_definitions
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.messages import message_class
-from softgrip_bag.old_definitions import ENUMERATIONS, RESHAPED, UNSET, step_layouts
+from softgrip_bag.old_definitions import ENUMERATIONS, RESHAPED, UNSET, TraceAge, step_layouts
 
 
 def renewed(type_name: str, definitions: Mapping[str, Definition], data: bytes, *, whole: bool = False) -> bytes:
@@ -36,13 +36,13 @@ def renewed(type_name: str, definitions: Mapping[str, Definition], data: bytes, 
         raise BagError(f"expected a {type_name} that has today's form, too, found {error!r}") from error
 
 
-def renewed_step(name: str, data: bytes, *, before_unset: bool) -> bytes:
-    """Return the data of a step, of a trace of before steps were messages, in the wire's form of today.
+def renewed_step(name: str, data: bytes, age: TraceAge) -> bytes:
+    """Return the data of a step of a trace in the wire's form of today.
 
     Raises:
         BagError: the bytes fit no definition of that time.
     """
-    type_name, layouts = step_layouts(name, before_unset=before_unset)
+    type_name, layouts = step_layouts(name, age)
     problem: BagError | None = None
     for layout in layouts:
         try:

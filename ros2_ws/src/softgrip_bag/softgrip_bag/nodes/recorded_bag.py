@@ -18,7 +18,7 @@ from softgrip_bag.definition import Definition, parse_definitions
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.messages import is_installed
 from softgrip_bag.nodes.present_form import renewed
-from softgrip_bag.old_definitions import READ_BY_NAME, has_old_enumerations
+from softgrip_bag.old_definitions import READ_BY_NAME, TraceAge, has_old_enumerations, has_worded_swaps
 from softgrip_bag.reader import RawMessage, TopicSummary, topic_summaries
 
 
@@ -52,6 +52,12 @@ class RecordedBag:
     def is_before_unset(self) -> bool:
         """Whether its enumerations began with their first outcome."""
         return any(has_old_enumerations(topic.type_name, topic.schema) for topic in self.topics)
+
+    def age_of_trace(self, topic: str) -> TraceAge:
+        """Return what the steps of a node's trace can hold: no bag carries the definitions of their data."""
+        had_columns = topic in self.older
+        had_worded_swaps = had_columns or any(has_worded_swaps(one.type_name, one.schema) for one in self.topics)
+        return TraceAge(had_columns, had_worded_swaps, self.is_before_unset)
 
     def read(self, topics: Collection[str] | None = None) -> Iterator[RawMessage]:
         """Yield messages in order of reception, as `reader.read` does.

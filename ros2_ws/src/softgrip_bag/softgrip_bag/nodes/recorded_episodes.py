@@ -24,6 +24,7 @@ from softgrip_bag.nodes.trace import TraceStep, stretches
 from softgrip_interfaces.action import Grasp as GraspAction
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import TeleoperationState
+from softgrip_time.units import NANOSECONDS
 
 _TRACE, _TELEOPERATION = "/grasp_mix_manager/trace", "/teleoperation/state"
 _STATE, _MODE = "/tendon/state", "/cell/state"
@@ -175,7 +176,7 @@ def _episode(path: Path, span: _Span, topics: _Topics, rate_hz: int) -> Episode:
     states = _series(topics.states)
     count = len(topics.tendons)
     first_ns = next((stamp for stamp in states.stamps_ns if stamp >= span.begun_ns), states.stamps_ns[-1])
-    period_ns = round(1e9 / rate_hz)
+    period_ns = round(NANOSECONDS / rate_hz)
     frames = max(1, (span.ended_ns - first_ns) // period_ns + 1)
     times_ns = first_ns + period_ns * np.arange(frames, dtype=np.int64)
     values, stamps = states.at(times_ns.tolist())

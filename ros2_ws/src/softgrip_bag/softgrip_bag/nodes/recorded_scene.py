@@ -64,7 +64,7 @@ class _SceneReader:
         """What it takes."""
         return {self._cell + topic for topic in self._takers}
 
-    def take(self, topic: str, message: Any) -> None:
+    def read_message(self, topic: str, message: Any) -> None:
         """Take a message."""
         self._takers[topic.removeprefix(self._cell)](message)
 
@@ -129,7 +129,7 @@ def recorded_scene(path: Path) -> RecordedScene:
     if not topics:
         raise BagError(f"{path}: expected one of {', '.join(sorted(reader.topics))}, found none of them")
     for raw in bag.read(topics):
-        reader.take(raw.topic, deserialize_message(raw.data, message_class(raw.type_name)))
+        reader.read_message(raw.topic, deserialize_message(raw.data, message_class(raw.type_name)))
     reader.end()
     _tell_story(path, scene)
     return scene

@@ -360,10 +360,10 @@ class Recorder(CellNode):
                 self._look_at_types(name, types, [info.topic_type for info in publishers])
             elif len(types) == 1:
                 self._conflicts.pop(name, None)
-        self._snapshot_of_parameters.look()
+        self._snapshot_of_parameters.ask_nodes()
         self._snapshot_of_fault()
         self._report()
-        if self._drain is not None and not self._drained.done() and self._drain.look(time.time_ns()):
+        if self._drain is not None and not self._drained.done() and self._drain.check_quiet(time.time_ns()):
             self._drained.set_result(None)
 
     def _look_at_types(self, name: str, types: Sequence[str], publishers: Sequence[str]) -> None:
@@ -466,14 +466,14 @@ class Recorder(CellNode):
             message = RawMessage(name, type_name, received, published, data)
             publisher = info.get("publisher_gid")
             if publisher is not None or single:
-                self._losses.see(name, info["publication_sequence_number"], publisher)
+                self._losses.add_sequence(name, info["publication_sequence_number"], publisher)
             if not latched:
                 self._behind = max(self._behind, to_s(received - message.published))
             self._ring.add(message, latched=latched)
             if faults is not None:
                 self._watch_faults(name, faults, data, cls)
             # a recording ends on all topics at once, so that nothing in it follows from what is not
-            requested = self._drain is None or self._drain.see(message.published)
+            requested = self._drain is None or self._drain.admit_message(message.published)
             if self._bag is not None and requested:
                 self._bag.put(name, received, message.published, data)
 
@@ -506,7 +506,7 @@ class Recorder(CellNode):
         except Exception:  # noqa: BLE001  each middleware has its own for bytes that are no such message
             self._malformed[name] += 1
             return
-        self._fault_watch.see(found, time.monotonic())
+        self._fault_watch.observe_faults(found, time.monotonic())
 
 
 def main(args: Sequence[str] | None = None) -> int:

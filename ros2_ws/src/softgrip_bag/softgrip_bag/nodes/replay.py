@@ -187,7 +187,7 @@ def _traced_runs(recording: RecordedBag, name: str) -> Iterator[list[TraceStep]]
 def _check_run(
     recording: RecordedBag, name: str, steps: list[TraceStep], ros_arguments: Sequence[str], tolerance: float
 ) -> ReplayResult:
-    """Have a node take the steps of one run again."""
+    """Make a node take the steps of one run again."""
     log = TraceComparison(name, steps, tolerance)
     io: list[ReplayIo] = []
     node: ReplayedNode | None = None

@@ -88,11 +88,16 @@ def stretches(bag: RecordedBag, topic: str) -> Iterator[list[TraceStep]]:
 
 
 def _steps(batch: NodeTrace, bag: RecordedBag, topic: str) -> Iterator[TraceStep]:
+    age = bag.age_of_trace(topic)
     for number, step in enumerate(batch.steps, start=int(batch.first)):
-        data = bytes(step.data)
-        if topic in bag.older:
-            data = renewed_step(step.name, data, before_unset=bag.is_before_unset)
-        yield TraceStep(number, step.name, int(step.stamp), int(step.time), int(step.monotonic), data)
+        yield TraceStep(
+            number,
+            step.name,
+            int(step.stamp),
+            int(step.time),
+            int(step.monotonic),
+            renewed_step(step.name, bytes(step.data), age),
+        )
 
 
 class TracedMessages:

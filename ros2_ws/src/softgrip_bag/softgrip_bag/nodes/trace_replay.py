@@ -75,14 +75,14 @@ class TraceComparison:
 
     def start(self, save: Callable[[], bytes], load: Callable[[bytes], None]) -> None:  # noqa: ARG002  a running node's
         """Give back what the node remembered."""
-        self.begin("start")
+        self.begin_step("start")
         load(self._now.data)
 
-    def begin(self, name: str, data: bytes = b"", stamp: int = 0) -> None:  # noqa: ARG002  both are from the step
+    def begin_step(self, name: str, data: bytes = b"", stamp: int = 0) -> None:  # noqa: ARG002  both are from the step
         """Begin the recorded step."""
         self._now = self._next_named(name)
 
-    def say(self, name: str, message: Any) -> None:
+    def record_output(self, name: str, message: Any) -> None:
         """Compare what leaves with what left then; the end of the trace cuts a step short."""
         if self.is_over:
             return

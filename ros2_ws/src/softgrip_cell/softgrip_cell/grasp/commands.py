@@ -99,7 +99,7 @@ class TensionControl:
         return Close(tuple(slots), tuple(paths_m[s] for s in slots), self._recipe.closing_speed_m_per_s, limit_n)
 
     def press(self, slots: Sequence[int], contacts: Sequence[FingerContact], now_ns: int) -> Press:
-        """Have these fingers press with what the recipe asks for, but with no more than the product bears."""
+        """Command these fingers to press with what the recipe asks for, but with no more than the product bears."""
         settings = self._settings
         pause_ns = to_ns(settings.starting_period_s - settings.starting_s)
         for slot in slots:
@@ -110,8 +110,8 @@ class TensionControl:
             order.requested_n, order.contact = self._requested_n(slot, contacts[slot]), contacts[slot]
         return Press(tuple(slots), tuple(self._orders[slot].requested_n for slot in slots), self._speed_m_per_s)
 
-    def keep(self, slots: Sequence[int], contacts: Sequence[FingerContact], now_ns: int) -> Press:
-        """Have fingers that touch nothing yet keep the tension that they have, so that they follow what comes."""
+    def keep_tension(self, slots: Sequence[int], contacts: Sequence[FingerContact], now_ns: int) -> Press:
+        """Command fingers that touch nothing yet to keep the tension that they have, so that they follow what comes."""
         for slot in slots:
             max_n = min(contacts[slot].tension_n, self._requested_n(slot, contacts[slot]))
             self._orders[slot] = _TensionOrder(now_ns, max_n)

@@ -149,7 +149,7 @@ class GraspSequence:
         return self._end(GraspOutcome.ABORTED, reason, sample.stamp_ns)
 
     def closing_ended(self) -> None:
-        """Take note that the commanded closing came to its end (targets or tension limit)."""
+        """Record that the commanded closing came to its end (targets or tension limit)."""
         self._has_path_ended = True
 
     def fault(self, fault: TendonFault, stamp_ns: int) -> GraspStep:
@@ -301,7 +301,7 @@ class GraspSequence:
         self._hand_estimator.add_met_near_end(self._closing, self._contacts)
         rest = [slot for slot in self._every_slot if slot not in self._control.slots]
         self._closing = []
-        return (self._control.keep(rest, self._contacts, self._now),) if rest else ()
+        return (self._control.keep_tension(rest, self._contacts, self._now),) if rest else ()
 
     def _keep_the_rest_for_the_lift(self) -> tuple[Command, ...]:
         self._before = contact_text(self._task.slots, self._contacts)

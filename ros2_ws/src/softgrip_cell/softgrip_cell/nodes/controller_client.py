@@ -29,7 +29,7 @@ from std_srvs.srv import Trigger
 
 from softgrip_cell.errors import CellError, RefusedError
 from softgrip_cell.grasp.values import GraspPhase
-from softgrip_cell.nodes.convert import GRASP_PHASES
+from softgrip_cell.nodes.convert import GRASP_PHASES, swap_step
 from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT
 from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.srv import ConfirmStep, PlanMix, SelectProduct
@@ -92,7 +92,7 @@ class CellController:
         return self._call(self._plan, request)
 
     def swap(self, finger_set: str, confirm: Confirm, serials: Sequence[str] = (), timeout_s: float = 330.0) -> Any:
-        """Have fingers swapped and checked.
+        """Order a swap of fingers, and their check.
 
         Args:
             finger_set: "power", "pinch" or "hook".
@@ -109,7 +109,7 @@ class CellController:
             feedback = message.feedback
             self._token = feedback.token
             if feedback.confirmation:
-                given = list(confirm(feedback.step, feedback.instruction))
+                given = list(confirm(swap_step(feedback).value, feedback.instruction))
                 request = ConfirmStep.Request(step=feedback.step, token=feedback.token, serials=given)
                 answer = self._confirm.call_async(request)
                 answer.add_done_callback(self._log_refusal)
@@ -118,12 +118,12 @@ class CellController:
         return self._act(self._swap, "cell/swap", goal, on_feedback, timeout_s)
 
     def hands_out(self) -> None:
-        """Say that a person's hands are out of the cell after the last swap ended early: the drives are unlocked.
+        """Confirm that a person's hands are out of the cell after the last swap ended early: the drives are unlocked.
 
         Raises:
             RefusedError: no swap of this client left the drives locked.
         """
-        self._call(self._confirm, ConfirmStep.Request(step=HANDS_OUT, token=self._token))
+        self._call(self._confirm, ConfirmStep.Request(step=ConfirmStep.Request.HANDS_OUT, token=self._token))
 
     def grasp(
         self,
@@ -134,7 +134,7 @@ class CellController:
         on_phase: Callable[[GraspPhase], None] | None = None,
         timeout_s: float = 60.0,
     ) -> Any:
-        """Have a product grasped.
+        """Order a grasp.
 
         Args:
             product: id.

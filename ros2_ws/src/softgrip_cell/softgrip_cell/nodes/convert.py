@@ -21,6 +21,7 @@ from softgrip_cell.outcomes import SuccessEstimate
 from softgrip_cell.planner import PlannedOrder
 from softgrip_cell.products import Product
 from softgrip_cell.storage.journal import CountedGrasp, MountedSlot, SlotState, SwapOutcome
+from softgrip_cell.swap.sequence import CONFIRMED_STEPS, HANDS_OUT, SwapStep
 from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.msg import (
     CellState,
@@ -37,6 +38,7 @@ from softgrip_interfaces.msg import (
     TendonStatusArray,
 )
 from softgrip_interfaces.msg import GraspEvidence as EvidenceMessage
+from softgrip_interfaces.srv import ConfirmStep
 from softgrip_model.friction.acceptance import accept
 from softgrip_model.friction.errors import FrictionError
 from softgrip_nodekit import nanoseconds, to_time_message
@@ -63,6 +65,24 @@ GRASP_PHASES = {
     GraspPhase.HOLD: EvidenceMessage.HOLD,
     GraspPhase.LIFT: EvidenceMessage.LIFT,
     GraspPhase.DONE: EvidenceMessage.UNSET,
+}
+
+#: In SwapFingers.Feedback.
+SWAP_STEPS = {
+    SwapStep.RELEASE: SwapFingers.Feedback.RELEASE,
+    SwapStep.LOCK: SwapFingers.Feedback.LOCK,
+    SwapStep.OPEN_PALM: SwapFingers.Feedback.OPEN_PALM,
+    SwapStep.REMOVE: SwapFingers.Feedback.REMOVE,
+    SwapStep.INSERT: SwapFingers.Feedback.INSERT,
+    SwapStep.CLOSE_PALM: SwapFingers.Feedback.CLOSE_PALM,
+    SwapStep.UNLOCK: SwapFingers.Feedback.UNLOCK,
+    SwapStep.HOME: SwapFingers.Feedback.HOME,
+    SwapStep.VERIFY: SwapFingers.Feedback.VERIFY,
+}
+#: In ConfirmStep, whose constants are the same.
+CONFIRMATIONS = {
+    **{step.value: number for step, number in SWAP_STEPS.items() if step in CONFIRMED_STEPS},
+    HANDS_OUT: ConfirmStep.Request.HANDS_OUT,
 }
 
 _CONTACT_STATES = {
@@ -165,7 +185,7 @@ def tendon_faults(message: TendonStatusArray, slots: Sequence[str]) -> list[Tend
 
 
 def is_moving(message: TendonStatusArray | None, slots: Sequence[str]) -> bool:
-    """Say whether a slot's tendon is on its way somewhere, whoever ordered it."""
+    """Return whether a slot's tendon is on its way somewhere, whoever ordered it."""
     under_way = (TendonStatus.MOVING, TendonStatus.HOMING, TendonStatus.RELEASING)
     tendons = [] if message is None else message.tendons
     return any(tendon.tendon in slots and tendon.state in under_way for tendon in tendons)
@@ -174,10 +194,10 @@ def is_moving(message: TendonStatusArray | None, slots: Sequence[str]) -> bool:
 def driver_facts(message: TendonStatusArray | None, slots: Sequence[str], *, fresh: bool) -> DriverFacts:
     """Return what a tendon/status means for the gates; None when none ever came."""
     if message is None:
-        return DriverFacts(heard=False, estop=False)
+        return DriverFacts(is_heard=False, estop=False)
     faults = tuple(f"{fault.tendon}: {fault.name}: {fault.reason}" for fault in tendon_faults(message, slots))
     unhomed = tuple(tendon.tendon for tendon in message.tendons if tendon.tendon in slots and not tendon.homed)
-    return DriverFacts(heard=fresh, estop=bool(message.estop), faults=faults, unhomed=unhomed)
+    return DriverFacts(is_heard=fresh, estop=bool(message.estop), faults=faults, unhomed=unhomed)
 
 
 def friction_facts(message: FrictionModel, now_ns: int) -> FrictionFacts:
@@ -195,7 +215,7 @@ def friction_facts(message: FrictionModel, now_ns: int) -> FrictionFacts:
         digest=digest,
         age_s=to_s(now_ns - nanoseconds(message.header.stamp)),
         tension_high_n=float(message.tension_range[1]),
-        usable=not objection,
+        is_usable=not objection,
         reason=objection,
     )
 
@@ -203,7 +223,7 @@ def friction_facts(message: FrictionModel, now_ns: int) -> FrictionFacts:
 def safety_facts(message: SafetyState) -> SafetyFacts:
     """Return what a safety/state means for the gates."""
     return SafetyFacts(
-        heard=True,
+        is_heard=True,
         estop=bool(message.estop),
         estop_reason=message.estop_reason,
         locked=bool(message.locked),
@@ -322,6 +342,24 @@ def grasp_result(verdict: GraspVerdict, sample: TendonSample | None, duration_s:
         pulled_lengths=list(sample.pulled_length_m) if sample else [],
         tensions=list(sample.tension_n) if sample else [],
     )
+
+
+def swap_step(message: SwapFingers.Feedback) -> SwapStep:
+    """Return the step of a swap that a feedback tells of.
+
+    Raises:
+        ValueError: its number is none of a step.
+    """
+    try:
+        return next(step for step, number in SWAP_STEPS.items() if number == message.step)
+    except StopIteration:
+        raise ValueError(f"expected the number of a step of SwapFingers, found {message.step}") from None
+
+
+def confirmed_step(request: ConfirmStep.Request) -> str:
+    """Return what a person confirms: a value of SwapStep, or HANDS_OUT; "number 42" where it is neither."""
+    named = (name for name, number in CONFIRMATIONS.items() if number == request.step)
+    return next(named, f"number {request.step}")
 
 
 def swap_result(

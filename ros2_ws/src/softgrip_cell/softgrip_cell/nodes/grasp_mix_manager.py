@@ -204,7 +204,7 @@ class GraspMixManager(CellNode):
                 self._swap.observe_sample(observation)
             elif isinstance(observation, SeenTip):
                 self._grasp.observe_tip(observation)
-                self._swap.see([observation])
+                self._swap.observe_tips([observation])
             else:
                 self._grasp.observe(observation)
                 self._swap.observe(observation)
@@ -249,9 +249,9 @@ class GraspMixManager(CellNode):
 
     def _watch(self) -> None:
         """What no message tells: silence, a person who does not come back, a disk that can be written again."""
-        self._lease.look()
-        self._status_silence.look()
-        self._state_silence.look()
+        self._lease.send_heartbeat()
+        self._status_silence.pass_period()
+        self._state_silence.pass_period()
         self._watch_silence()
         self._swap.watch_clock()
         is_due = self._node_io.monotonic_s() >= self._next_retry_s

@@ -369,8 +369,8 @@ class GripperCommandNode(CellNode):
 
     def _watch(self) -> None:
         """Heartbeats, silence, and the tendons that nobody needs any more."""
-        self._lease.look()
-        self._silence.look()
+        self._lease.send_heartbeat()
+        self._silence.pass_period()
         if self._silence.reached:
             self._server.hold("expected tendon/state, found none; the fingers hold where they are")
         if self._server.is_active or not self._lease.token:

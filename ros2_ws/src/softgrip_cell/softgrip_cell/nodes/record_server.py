@@ -73,7 +73,7 @@ class RecordServer:
     def _write_audit(self, request: WriteAudit.Request, _response: WriteAudit.Response) -> str:
         if not request.who.strip() or not request.action.strip():
             raise RefusedError("who, action: expected some words, found none")
-        self._library.note(request.who.strip(), request.action.strip(), request.subject, request.detail)
+        self._library.write_audit(request.who.strip(), request.action.strip(), request.subject, request.detail)
         return "written"
 
 

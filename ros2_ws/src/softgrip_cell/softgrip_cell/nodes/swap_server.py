@@ -114,11 +114,11 @@ class SwapServer:
         if self._closing is not None:
             self._closing.observe(pair)
 
-    def see(self, tips: Sequence[SeenTip]) -> None:
+    def observe_tips(self, tips: Sequence[SeenTip]) -> None:
         """Take what the camera saw."""
         if self._closing is not None:
             for tip in tips:
-                self._closing.see(tip)
+                self._closing.observe_tip(tip)
 
     def observe_faults(self, faults: Sequence[TendonFault]) -> None:
         """Take what tendon/status says; a fault while the cell itself moves ends the swap."""
@@ -271,7 +271,7 @@ class SwapServer:
             raise SwapEnded(SwapOutcome.FAILED, why_not)
 
     async def _slackened(self) -> None:
-        """Have the tendons released, and see that they are slack; where the driver releases none they have to be so."""
+        """Release the tendons, and wait until they are slack; where the driver releases none they have to be so."""
         slack = Future()
 
         def answered(success: bool, message: str) -> None:
@@ -344,7 +344,7 @@ class SwapServer:
         await self._wait(done)
 
     async def _give_back(self) -> None:
-        """Have the tendons slackened, unless the drives are locked, and give them back to whoever comes next."""
+        """Order slack tendons, unless the drives are locked, and give them back to whoever comes next."""
         done = Future()
         self._given_back = (done, self._cell.now_s() + GIVE_BACK_S)
 
@@ -378,7 +378,7 @@ class SwapServer:
         assert self._goal is not None
         self._goal.publish_feedback(
             SwapFingers.Feedback(
-                step=turn.step.value,
+                step=convert.SWAP_STEPS[turn.step],
                 instruction=turn.instruction,
                 confirmation=turn.confirmation,
                 elapsed=self._cell.now_s() - self._started_s,
@@ -398,7 +398,7 @@ class SwapServer:
         _check_token(request.token, self._token)
         if self._goal is None or self._ended is not None:
             raise RefusedError("the swap is ending; look at its result")
-        turn = sequence.confirm(request.step, list(request.serials))
+        turn = sequence.confirm(convert.confirmed_step(request), list(request.serials))
         _resolve(self._waiting, turn)
         return turn.instruction
 
@@ -407,8 +407,9 @@ class SwapServer:
         lock = self._cell.lock
         if lock is None:
             raise RefusedError("expected a swap to be going on, found none; start one with cell/swap")
-        if request.step != HANDS_OUT:
-            raise RefusedError(f"expected a confirmation of step '{HANDS_OUT}', found '{request.step}'")
+        confirmed = convert.confirmed_step(request)
+        if confirmed != HANDS_OUT:
+            raise RefusedError(f"expected a confirmation of step '{HANDS_OUT}', found '{confirmed}'")
         _check_token(request.token, lock.confirm_token)
         if not self._lock.ready():
             raise RefusedError("expected service tendon/unlock, found none; start tendon_driver, then confirm again")

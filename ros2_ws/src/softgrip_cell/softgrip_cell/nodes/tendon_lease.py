@@ -141,8 +141,8 @@ class TendonLease:
                 f"lost the tendons: expected '{self._owner}' to own them (tendon/owners), found {_named(others)}"
             )
 
-    def look(self) -> None:
-        """Say that the owner is alive, and give up what is not answered; each call is a heartbeat."""
+    def send_heartbeat(self) -> None:
+        """Publish that the owner is alive, and give up what is not answered; each call is a heartbeat."""
         now_s = self._node_io.monotonic_s()
         if self.token:
             message = LeaseHeartbeat(token=self.token)

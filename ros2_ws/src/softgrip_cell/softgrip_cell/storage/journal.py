@@ -151,7 +151,7 @@ class CellJournal:
             for name in self._names
         )
 
-    def begin(self, kind: str, subject: str, step: str) -> None:
+    def begin_operation(self, kind: str, subject: str, step: str) -> None:
         """Write that a swap or grasp starts."""
         with self._database.write() as connection:
             connection.execute(delete(OPERATION))

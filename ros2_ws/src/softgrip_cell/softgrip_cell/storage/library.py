@@ -69,7 +69,7 @@ class Library:
         return Catalogue(finger_sets=sets, products=products)
 
     def is_empty(self) -> bool:
-        """Tell whether no product was ever stored."""
+        """Return whether no product was ever stored."""
         with self._database.read() as connection:
             return not connection.execute(select(func.count()).select_from(ENTRY)).scalar_one()
 
@@ -174,7 +174,7 @@ class Library:
             self._database.audit(connection, self._now_ns(), who, "retire finger", serial, {"reason": reason})
         return saved
 
-    def note(self, who: str, action: str, subject: str, detail: str) -> None:
+    def write_audit(self, who: str, action: str, subject: str, detail: str) -> None:
         """Write into the audit table what a person did; texts longer than its columns are cut."""
         with self._database.write() as connection:
             self._database.audit(

@@ -30,7 +30,7 @@ class PendingWrites:
             self.retry()
 
     def refuse(self, error: StorageError, probe: Write) -> None:
-        """Take note of a write that was given up; the fault lasts until ``probe`` can be done."""
+        """Record a write that was given up; the fault lasts until ``probe`` can be done."""
         self._fault = str(error)
         if not self._pending:
             self._pending.append(probe)

@@ -158,7 +158,7 @@ class EmptyClosing:
         if not self._pairs or pair.sample.stamp_ns > self._pairs[-1].sample.stamp_ns:
             self._pairs.append(pair)
 
-    def see(self, tip: SeenTip) -> None:
+    def observe_tip(self, tip: SeenTip) -> None:
         """Take what the camera saw."""
         self._tips.append(tip)
 

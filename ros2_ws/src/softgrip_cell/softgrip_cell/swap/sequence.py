@@ -15,7 +15,7 @@ from softgrip_cell.storage.journal import MountedSlot, SlotState
 
 
 class SwapStep(StrEnum):
-    """Steps of a swap, in order; the value is the id that feedback and cell/confirm_step use."""
+    """Steps of a swap, in order; the value is what the database and texts call it."""
 
     RELEASE = "release"
     LOCK = "lock"
@@ -125,7 +125,7 @@ class SwapSequence:
         """A person says that a step is done.
 
         Args:
-            step: id of the step that is waiting.
+            step: the one that is waiting, a value of SwapStep.
             serials: where the step asks for them, of the fingers now in the slots, slot order.
 
         Raises:
@@ -158,7 +158,7 @@ class SwapSequence:
         return self._go(SwapStep.VERIFY, "The fingers close on nothing to be checked. Keep the palm free.")
 
     def safe_condition(self) -> str:
-        """Say in words how the cell is left when the swap ends now."""
+        """Return in words how the cell is left when the swap ends now."""
         if self.step in (SwapStep.RELEASE, SwapStep.LOCK, SwapStep.OPEN_PALM) and not self.only_check:
             return "tendons slack, fingers as before but to be verified"
         if self.step in (SwapStep.HOME, SwapStep.VERIFY) or self.only_check:

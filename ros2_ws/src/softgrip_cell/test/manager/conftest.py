@@ -31,6 +31,7 @@ from softgrip_cell.grasp.commands import Close, Open, Press, Stop
 from softgrip_cell.grasp.sequence import GraspStep
 from softgrip_cell.grasp.values import GraspPhase
 from softgrip_cell.nodes.controller_client import CellController
+from softgrip_cell.nodes.convert import CONFIRMATIONS
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import (
     CellState,
@@ -520,7 +521,7 @@ class Cell:
         """Answer of cell/confirm_step."""
         client = self.node.create_client(ConfirmStep, "cell/confirm_step")
         until(client.service_is_ready, 10.0, "cell/confirm_step")
-        request = ConfirmStep.Request(step=step, token=token, serials=list(serials))
+        request = ConfirmStep.Request(step=CONFIRMATIONS[step], token=token, serials=list(serials))
         return self.wait(client.call_async(request), 10.0, "an answer of cell/confirm_step")
 
     def swap(self, finger_set: str = "power", prefix: str = "PW", **options: Any) -> Any:

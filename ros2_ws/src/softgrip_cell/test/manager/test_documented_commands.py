@@ -15,12 +15,16 @@ import pytest
 
 from softgrip_interfaces.action import Grasp
 from softgrip_interfaces.msg import CellState, MountedFinger
+from softgrip_interfaces.srv import ConfirmStep
 
 pytestmark = pytest.mark.ros
 
 PAGE = (Path(__file__).parents[5] / "docs" / "cell.md").read_text()
-LINES = re.findall(r"^    (ros2 .+)$", PAGE, re.MULTILINE)
+LINES = re.findall(r"^(ros2 .+)$", PAGE, re.MULTILINE)
 TIMEOUT_S = 60.0
+INSERT = ConfirmStep.Request.INSERT
+#: Steps of a swap that a person confirms.
+STEPS = (ConfirmStep.Request.OPEN_PALM, ConfirmStep.Request.REMOVE, INSERT, ConfirmStep.Request.CLOSE_PALM)
 
 
 @pytest.fixture(autouse=True)
@@ -50,14 +54,15 @@ def test_a_shift_typed_from_the_page(cell: Any) -> None:
     swap = subprocess.Popen(line("/cell/swap"), stdout=subprocess.PIPE, text=True)
     try:
         assert swap.stdout is not None
-        step = ""
+        step = 0
         for text in swap.stdout:
-            # each step that waits is confirmed with a command of the page, which names open_palm and insert
+            # each step that waits is confirmed with a command of the page, which has one without and one with serials
             field, _, value = text.strip().partition(": ")
-            step = value if field == "step" else step
-            if field == "token" and step in {"open_palm", "remove", "insert", "close_palm"}:
-                form = "insert" if step == "insert" else "open_palm"
-                confirmed = [word.replace(form, step).replace("0f2c", value) for word in line(f"{{step: {form}, token")]
+            step = int(value) if field == "step" else step
+            if field == "token" and step in STEPS:
+                form = INSERT if step == INSERT else STEPS[0]
+                shown = line(f"{{step: {form}, token")
+                confirmed = [word.replace(f"step: {form}", f"step: {step}").replace("0f2c", value) for word in shown]
                 done = subprocess.run(confirmed, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
                 assert "success=True" in done.stdout, done.stdout + done.stderr
         assert swap.wait(TIMEOUT_S) == 0

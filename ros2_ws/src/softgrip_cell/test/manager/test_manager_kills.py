@@ -47,10 +47,10 @@ def cut_off(cell: Any, step: str, *, changed: bool = True) -> str:
     def on_feedback(message: Any) -> None:
         feedback = message.feedback
         tokens.add(feedback.token)
-        if feedback.step == step:
+        if feedback.step == getattr(SwapFingers.Feedback, step.upper()):
             reached.set()
         elif feedback.confirmation:
-            given = serials if feedback.step == "insert" else []
+            given = serials if feedback.step == SwapFingers.Feedback.INSERT else []
             request = ConfirmStep.Request(step=feedback.step, token=feedback.token, serials=given)
             confirm.call_async(request)
 

@@ -242,7 +242,9 @@ def test_a_cancelled_swap_states_its_safe_condition(cell: Any) -> None:
     asked = threading.Event()
     goal = client.send_goal_async(
         SwapFingers.Goal(finger_set="power"),
-        feedback_callback=lambda message: asked.set() if message.feedback.step == "open_palm" else None,
+        feedback_callback=lambda message: (
+            asked.set() if message.feedback.step == SwapFingers.Feedback.OPEN_PALM else None
+        ),
     )
     handle = cell.wait(goal, 5.0, "a goal handle")
     assert asked.wait(5.0)

@@ -48,10 +48,10 @@ def outcome_latency(result: Grasp.Result, received_ns: int) -> float:
 
     Returns:
         The event to the sample that decided, and that sample's stamp to the client; NaN where nothing was decided on a
-        sample (a refusal).
+        sample (a refusal). Simulated time comes to the client by /clock, so its time may be that of before the sample.
     """
     decided_ns = nanoseconds(result.decision.stamp)
-    return math.nan if not decided_ns else result.latency + to_s(received_ns - decided_ns)
+    return math.nan if not decided_ns else result.latency + max(0.0, to_s(received_ns - decided_ns))
 
 
 def shape_view(shapes: list[PredictedShape]) -> ShapeView | None:

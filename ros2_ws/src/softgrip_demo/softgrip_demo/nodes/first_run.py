@@ -106,12 +106,12 @@ def work(options: argparse.Namespace, person: Terminal) -> int:
     )
     camera = BenchCamera(cell.camera or CellCamera("none"), options.finger, options.finger_set, cell.folders.profiles)
     steps = [
-        *bus_steps(BenchBus(cell, options.reply_margin, options.seconds, clock_of(options), person.say)),
+        *bus_steps(BenchBus(cell, options.reply_margin, options.seconds, clock_of(options), person.print_line)),
         *camera_steps(camera),
         *cell_steps(session, hands, cell, options.finger_set),
     ]
     try:
-        record = Checklist(steps, record, path, person.say).run(cell, options.again)
+        record = Checklist(steps, record, path, person.print_line).run(cell, options.again)
     finally:
         hands.close()
         session.close()
@@ -119,7 +119,7 @@ def work(options: argparse.Namespace, person: Terminal) -> int:
         record = sign(record, person.ask("name", "Everything is good. Who ran it", getpass.getuser()))
         save_record(record, path)
     (options.out / PAGE).write_text(render(record), encoding="utf-8")
-    person.say(f"page: {options.out / PAGE}")
+    person.print_line(f"page: {options.out / PAGE}")
     return GOOD if record.is_good else BAD
 
 
@@ -129,7 +129,7 @@ def sign(record: FirstRunRecord, name: str) -> FirstRunRecord:
 
 
 def verify(path: Path, cell_file: Path, say: Callable[[str], object]) -> int:
-    """Say whether a record is the one that its digest was made for, and of this cell file."""
+    """Return whether a record is the one that its digest was made for, and of this cell file."""
     import json  # noqa: PLC0415  only this looks at the raw text
 
     record = load_record(path, cell_file)
@@ -188,7 +188,7 @@ def main(args: Sequence[str] | None = None) -> int:
     try:
         person = _person(options)
         if options.verify:
-            return verify(options.out / RECORD, options.cell_file, person.say)
+            return verify(options.out / RECORD, options.cell_file, person.print_line)
         rclpy.init(args=list(args) if args is not None else None)
         return work(options, person)
     except (FirstRunError, CellFileError, DriverError, ShiftError, OSError) as error:

@@ -69,7 +69,7 @@ class CellOperator:
         return calibrate(self._link, goal, set_up, 120.0)
 
     def swap(self, finger_set: str) -> None:
-        """Have a set mounted; fingers that the check refuses are laid aside and the next ones taken.
+        """Order a set to be mounted; fingers that the check refuses are laid aside and the next ones taken.
 
         Raises:
             ShiftError: no fingers of the set passed; says why each did not.
@@ -100,7 +100,7 @@ class CellOperator:
         raise ShiftError(f"no {finger_set} fingers passed: {'; '.join(reasons)}")
 
     def _home(self) -> None:
-        """Have the zeros looked for again: what clears the faults that a person at the cell can put right."""
+        """Home again; it clears the faults that a person at the cell can resolve."""
         try:
             self._link.call(Trigger, "tendon/home", Trigger.Request(), timeout=HOMING_TIMEOUT)
         except ShiftError as error:

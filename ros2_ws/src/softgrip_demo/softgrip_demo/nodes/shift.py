@@ -140,7 +140,7 @@ class Shift:
         self._swap(finger_set)
         # from then on predictions go by what the swap's closing has taught
         self._link.pause(to_s(SPAN_NS), "the cell's time to go on")
-        self._watch.begin()
+        self._watch.start_gathering()
         self._operator.move(self._values["full_pull"], self._values["closing_speed"])
         gathered = self._watch.end()
         self._operator.move(0.0, self._values["release_speed"])
@@ -160,7 +160,7 @@ class Shift:
         self._hands.place(product)
         filmed = product == self._values["film_product"] and not self._film
         if filmed:
-            self._watch.begin(film=True)
+            self._watch.start_gathering(film=True)
         result = self._cell.grasp(product, trial=True)
         latency = convert.outcome_latency(result, self._link.node.get_clock().now().nanoseconds)
         if filmed:

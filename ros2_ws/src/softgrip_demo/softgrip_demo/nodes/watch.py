@@ -58,7 +58,7 @@ class ShiftWatch:
 
         return received
 
-    def begin(self, *, film: bool = False) -> None:
+    def start_gathering(self, *, film: bool = False) -> None:
         """Start gathering; with ``film`` camera frames too."""
         self._tensions.clear()
         for data in self._earlier:

@@ -44,7 +44,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def check(options: argparse.Namespace) -> int:
-    """Say what the file describes, or what is wrong with it."""
+    """Print what the file describes, or what is wrong with it."""
     cell = load_cell(options.file)
     if options.known:
         node_parameters(cell, read_shipped(options.known))

@@ -32,7 +32,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def check(options: argparse.Namespace) -> int:
-    """Say what the file describes, or what is wrong with it."""
+    """Print what the file describes, or what is wrong with it."""
     hand = load_hand(options.file)
     for name in options.fingers:
         profile = load(profile_path(name))

@@ -198,7 +198,7 @@ class FingerLink:
 
     @contextmanager
     def recorded(self, path: str) -> Iterator[None]:
-        """Have the recorder write a bag meanwhile.
+        """Order the recorder to write a bag meanwhile.
 
         Args:
             path: folder of the bag below the recorder's root; empty = a name made from date and time.

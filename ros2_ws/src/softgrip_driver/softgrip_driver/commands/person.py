@@ -15,7 +15,7 @@ from softgrip_driver.errors import ConfigurationError
 class Terminal(Protocol):
     """Answers questions. A question has a key, by which an answers file names it."""
 
-    def say(self, text: str) -> None:
+    def print_line(self, text: str) -> None:
         """Read a line."""
 
     def ask(self, key: str, text: str, default: str = "") -> str:
@@ -25,13 +25,13 @@ class Terminal(Protocol):
         """Do something, then say so."""
 
     def try_again(self, key: str, problem: str) -> bool:
-        """Say whether to do a step that failed once more, after its cause was removed."""
+        """Return whether to do a step that failed once more, after its cause was removed."""
 
 
 class TerminalPerson:
     """Somebody at a terminal."""
 
-    def say(self, text: str) -> None:
+    def print_line(self, text: str) -> None:
         """Print a line."""
         print(text, flush=True)
 
@@ -51,7 +51,7 @@ class TerminalPerson:
 
     def try_again(self, key: str, problem: str) -> bool:
         """Ask whether to try again."""
-        self.say(f"! {problem}")
+        self.print_line(f"! {problem}")
         return self.ask(f"{key}.again", "Try again? yes or no", "yes").lower() not in {"n", "no"}
 
 
@@ -67,7 +67,7 @@ class WrittenAnswers:
         self._answers = answers
         self._takes_defaults = takes_defaults
 
-    def say(self, text: str) -> None:
+    def print_line(self, text: str) -> None:
         """Print a line."""
         print(text, flush=True)
 
@@ -78,18 +78,18 @@ class WrittenAnswers:
             answer = default
         if answer is None:
             raise ConfigurationError(f"answers: expected one to '{key}' ({text}), found none; write `{key}: ...`")
-        self.say(f"? {text}: {answer}")
+        self.print_line(f"? {text}: {answer}")
         return answer
 
     def confirm(self, key: str, text: str) -> None:
-        """Say what was asked for; it counts as done."""
+        """Print what was asked for; it counts as done."""
         del key
-        self.say(f"> {text}")
+        self.print_line(f"> {text}")
 
     def try_again(self, key: str, problem: str) -> bool:
         """Never."""
         del key
-        self.say(f"! {problem}")
+        self.print_line(f"! {problem}")
         return False
 
 

@@ -52,7 +52,7 @@ def work(options: argparse.Namespace) -> int:
         is_good = SetupWizard(settings, person).run()
     except CellFileError as error:
         raise ConfigurationError(str(error)) from error
-    person.say(
+    person.print_line(
         f"written to {options.file}; start: ros2 launch softgrip_bringup cell.launch.yaml cell_file:={options.file}"
     )
     return DONE if is_good else FAILED
@@ -71,7 +71,7 @@ def _stable(port: str, person: Terminal) -> str:
         port = str(*names)
     for name, device in names.items():
         if str(device) == port:
-            person.say(f"{port} is {name}; that name stays")
+            person.print_line(f"{port} is {name}; that name stays")
             return str(name)
     return port
 

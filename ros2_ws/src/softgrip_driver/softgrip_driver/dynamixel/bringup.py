@@ -218,7 +218,7 @@ def identify(bus: Bus, servo: ServoConfiguration) -> ServoIdentity:
 
 
 def who_answers(bus: Bus) -> str:
-    """Say which IDs answer, at this baud rate and at the first other one where anybody does, and what to do."""
+    """Return which IDs answer, at this baud rate and at the first other one where anybody does, and what to do."""
     found = bus.broadcast_ping(0.1)
     shared = [one for one in sorted(found) if bus.is_shared(one)]
     if shared:

@@ -96,7 +96,7 @@ class Bus:
     def turnaround(self, servo_id: int) -> float:
         """Return how long [s] a servo's replies take beyond the time of their bytes, on an idle computer.
 
-        Each ping begins as the one before was answered, which is when the timer of an adapter starts anew: all but the
+        Each ping begins as the one before was answered, which is when the timer of an adapter starts again: all but the
         first take as long as it lasts. A busy computer makes some of them late, so the soonest counts.
 
         Raises:

@@ -247,7 +247,7 @@ class FrictionRig(HardwareNode):
             with self._session_lock:
                 self._session = session
             session.stop_if(self._safety.refusal)  # it may have come while the session began
-            self.progress.begin()
+            self.progress.publish_start()
             self._diagnostics.set("plan", Health.OK, "measuring")
             try:
                 procedure = Procedure(bench.stage, bench.gauge, session, session.clock, settings, self._folder / _PLANS)
@@ -323,7 +323,7 @@ class FrictionRig(HardwareNode):
             return
         try:
             with self.clock_of_cell.stepping():
-                sample = bench.look(to_s(self.get_clock().now().nanoseconds))
+                sample = bench.read_idle(to_s(self.get_clock().now().nanoseconds))
         except (PortLostError, NoReplyError) as error:
             self._diagnostics.set("rig", Health.ERROR, str(error))
             self._take_up(bench)
@@ -390,15 +390,15 @@ class _Session(RigOperator):
         self._answer = threading.Condition()
         self.stop_reason = ""
 
-    def tell(self, step: ProcedureStep) -> None:
-        self._node.progress.step(step, needs_confirmation=self._waiting)
+    def show_step(self, step: ProcedureStep) -> None:
+        self._node.progress.publish_step(step, needs_confirmation=self._waiting)
         if not self._node.announce(self._goal_handle.publish_feedback, convert.feedback_message(step)):
             raise StoppedError("the process is ending")
 
     def confirmed(self, step: ProcedureStep) -> None:
         with self._answer:
             self._waiting = True
-            self.tell(step)
+            self.show_step(step)
             with self._node.clock_of_cell.detached():
                 self._answer.wait_for(lambda: not self._waiting or self.clock.stopped)
         if self.clock.stopped:

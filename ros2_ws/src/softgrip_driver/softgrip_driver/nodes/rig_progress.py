@@ -28,13 +28,13 @@ class ProgressLog:
         self._progress = RigProgress(reason=reason)
         self._publish(self._progress)
 
-    def begin(self) -> None:
+    def publish_start(self) -> None:
         """Publish that a measurement begins."""
         with self._lock:
             self._progress = RigProgress(running=True, phase=CalibrateFriction.Feedback.CHECKING)
             self._publish(self._progress)
 
-    def step(self, step: ProcedureStep, *, needs_confirmation: bool) -> None:
+    def publish_step(self, step: ProcedureStep, *, needs_confirmation: bool) -> None:
         """Publish a step of it."""
         with self._lock:
             progress = self._progress

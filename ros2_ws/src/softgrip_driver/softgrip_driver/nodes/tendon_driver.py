@@ -319,7 +319,7 @@ class TendonDriver(HardwareNode):
     def _report(self, snapshot: LoopSnapshot) -> None:
         backend = self._backend
         if backend is not None:
-            self._health.tell(snapshot, backend.counters)
+            self._health.report_health(snapshot, backend.counters)
 
     def _stamp(self, snapshot: LoopSnapshot) -> Time:
         """Return when the readings came, since the epoch."""
@@ -337,7 +337,7 @@ class TendonDriver(HardwareNode):
             ticket = loop.order(lambda controller, now: controller.home(now, tendons), power=self._active)
             outcome, reason = self._wait(loop, ticket, self._homing_timeout())
             if outcome is MoveOutcome.REACHED and self._keeper is not None:
-                self._keeper.keep(loop, datetime.now(UTC).isoformat(timespec="seconds"))
+                self._keeper.save_zeros(loop, datetime.now(UTC).isoformat(timespec="seconds"))
             return outcome is MoveOutcome.REACHED, reason
 
         return self._with_loop(home)

@@ -28,7 +28,7 @@ class HealthReport:
         self._diagnostics = diagnostics
         self._before = Counters()
 
-    def tell(self, snapshot: LoopSnapshot, counters: Counters) -> None:
+    def report_health(self, snapshot: LoopSnapshot, counters: Counters) -> None:
         """Set the health of all."""
         self._diagnostics.set("bus", *self._bus_health(snapshot, counters), _bus_values(snapshot, counters))
         for drive in snapshot.drives:

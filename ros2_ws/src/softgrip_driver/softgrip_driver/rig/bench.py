@@ -64,7 +64,7 @@ class Bench:
 
     @contextmanager
     def measuring(self) -> Iterator[None]:
-        """Have the devices for oneself.
+        """Reserve the devices.
 
         Raises:
             BusyError: somebody has.
@@ -81,7 +81,7 @@ class Bench:
         finally:
             self._measuring.release()
 
-    def look(self, now: float) -> RigSample | None:
+    def read_idle(self, now: float) -> RigSample | None:
         """Read both while nobody measures; None while somebody does.
 
         Raises:

@@ -59,7 +59,7 @@ class PlanJournal:
     finished: bool = False
 
     @classmethod
-    def begin(cls, folder: Path, plan_id: str, request: Request) -> PlanJournal:
+    def create(cls, folder: Path, plan_id: str, request: Request) -> PlanJournal:
         """Start a new file.
 
         Raises:

@@ -33,7 +33,7 @@ MIN_BOOT_S = 0.5
 _TARE_READINGS = 8
 #: [s] of silence before a gauge is asked again while it boots
 _ASK_PERIOD_S = 0.5
-_MAY_HAVE_RESTARTED = "; its board may have begun anew, and tared itself under load"
+_MAY_HAVE_RESTARTED = "; its board may have restarted, and tared itself under load"
 #: a line is late when it takes so many times what the first took
 _TIMEOUT_FACTOR = 2.5
 
@@ -126,7 +126,7 @@ class LineGauge:
 
         Raises:
             CorruptReplyError: also when raw counts have no noise, which no converter's do.
-            GaugeRestartedError: once, where it began anew since the last value.
+            GaugeRestartedError: once, where it restarted since the last value.
         """
         counts = self._line.parse(self._heard_line())
         self._last.append(counts)
@@ -149,7 +149,7 @@ class LineGauge:
         self._port.close()
 
     def _heard_line(self) -> bytes:
-        """Return the next line, unless it or the silence before it says that the board began anew."""
+        """Return the next line, unless it or the silence before it says that the board restarted."""
         clock, began = self._port.clock, self._port.clock.now_s()
         try:
             line = self._next_line(self._timeout)

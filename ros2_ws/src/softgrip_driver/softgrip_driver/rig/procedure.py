@@ -69,7 +69,7 @@ class JudgedPoint:
 class RigOperator(Protocol):
     """The person at the rig, and whoever listens."""
 
-    def tell(self, step: ProcedureStep) -> None:
+    def show_step(self, step: ProcedureStep) -> None:
         """Show a step."""
         ...
 
@@ -82,11 +82,11 @@ class RigOperator(Protocol):
         ...
 
     def judged(self, point: JudgedPoint) -> None:
-        """Take note of an attempt."""
+        """Record an attempt."""
         ...
 
     def sampled(self, sample: RigSample) -> None:
-        """Take note of a raw reading."""
+        """Record a raw reading."""
         ...
 
 
@@ -228,10 +228,10 @@ class Procedure:
             if slide.verdict is PointVerdict.ACCEPTED:
                 journal.accept(MeasuredPoint(index, point.angle, point.load, slide.tension_low, slide.tension_high))
                 text = f"{point}: T1/T2 = {slide.ratio:.3f}"
-                self._operator.tell(ProcedureStep(ProcedurePhase.ACCEPTED, index, total, point, text))
+                self._operator.show_step(ProcedureStep(ProcedurePhase.ACCEPTED, index, total, point, text))
                 return slide
             why = slide.reason
-            self._operator.tell(ProcedureStep(ProcedurePhase.REPEATING, index, total, point, why))
+            self._operator.show_step(ProcedureStep(ProcedurePhase.REPEATING, index, total, point, why))
         raise PlanFailedError(
             f"point {index + 1} of {total} ({point}) failed {self._settings.attempts} times, last: {why}; "
             "put it right and resume the plan"
@@ -239,12 +239,12 @@ class Procedure:
 
     def _attempt(self, index: int, total: int, point: Point, pull: PullSettings) -> Slide:
         """Pull once. What a panel or a wire did wrong costs the attempt, not the plan."""
-        self._operator.tell(
+        self._operator.show_step(
             ProcedureStep(ProcedurePhase.CHECKING, index, total, point, "checking the weight at rest, then pulling")
         )
         try:
             self._stage.zero()
-            self._operator.tell(ProcedureStep(ProcedurePhase.PULLING, index, total, point, "pulling"))
+            self._operator.show_step(ProcedureStep(ProcedurePhase.PULLING, index, total, point, "pulling"))
             trace = record_pull(
                 self._stage, self._gauge, pull, self._clock, self._operator.sampled, self._weight_check(point)
             )
@@ -360,7 +360,7 @@ class Procedure:
     def _begun(self, request: Request) -> PlanJournal:
         _check(request)
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S.%fZ")
-        return PlanJournal.begin(self._folder, f"{stamp}-{request.plan}", request)
+        return PlanJournal.create(self._folder, f"{stamp}-{request.plan}", request)
 
     def _resumed(self) -> PlanJournal:
         journal = PlanJournal.last_broken(self._folder)

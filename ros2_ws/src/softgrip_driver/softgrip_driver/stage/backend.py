@@ -69,7 +69,7 @@ class StageBackend:
         self._pull = 0.0
         self._gauge_misses = 0
         self._gauge_fault = ("", "")
-        #: what it said when it began anew; told with the next reading, whether the tendon is held or not
+        #: what it said when it restarted; told with the next reading, whether the tendon is held or not
         self._restarted = ""
         self._same_since = 0.0
         #: name in the fault table, and what the device said; told with the next reading
@@ -131,7 +131,7 @@ class StageBackend:
         return True
 
     def restore(self, tendon: str) -> Iterator[None]:
-        """Leave an alarm, at a person's word; the zero is gone. Opening again would lock one with switches anew."""
+        """Leave an alarm, at a person's word; the zero is gone. Opening again would lock one with switches again."""
         del tendon
         yield
         self._stage.unlock()

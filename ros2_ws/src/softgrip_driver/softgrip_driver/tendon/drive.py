@@ -233,7 +233,7 @@ class Drive:
         return self.switch_on() if self.powered else DriveActions()
 
     def reset(self) -> None:
-        """Take note that a person has dealt with the fault."""
+        """Record that a person has dealt with the fault."""
         self._restored_once = False
         if self._fault and FAULTS[self._fault].recovery in (Recovery.RESET, Recovery.HOME, Recovery.COMMAND):
             if self._fault in LOST_POSITION and self.powered:

@@ -336,7 +336,7 @@ class GripperController:
                 drive.set_fault("owner_lost", f"a stream without a message or a heartbeat for {silent:.2f} s")
 
     def lose_port(self, reason: str) -> None:
-        """Take note that the port is gone."""
+        """Record that the port is gone."""
         for drive in self.drives.values():
             drive.set_fault("port_lost", reason)
 
@@ -415,7 +415,13 @@ class GripperController:
         for name in names:
             owner, drive = self.ownership.owner_of(name, now), self.drives[name]
             if owner and (drive.busy or (drive.holds_tension and not drive.is_released)):
-                return f"tendon '{name}' is owned by {owner} and taut or moving; release it first (tendon/release)"
+                remedy = (
+                    "release it first (tendon/release)"
+                    if drive.homed
+                    else f"without a zero it cannot be released slowly: have {owner} give its lease back "
+                    "(tendon/lease_release), or switch the drives off (lifecycle: deactivate)"
+                )
+                return f"tendon '{name}' is owned by {owner} and taut or moving; {remedy}"
         return ""
 
     def _wrong(self, request: MoveRequest, names: Sequence[str], targets: Sequence[float]) -> str:

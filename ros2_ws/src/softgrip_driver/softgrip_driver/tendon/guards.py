@@ -45,11 +45,11 @@ class ReplySilence:
         self._lasted = 0.0
 
     def heard(self, now: float) -> None:
-        """Take note of an answer at a time [s]."""
+        """Record an answer at a time [s]."""
         self._asked, self._lasted = now, 0.0
 
     def unanswered(self, now: float) -> float:
-        """Take note that a question was not answered; return how long it lasts [s]."""
+        """Record that a question was not answered; return how long it lasts [s]."""
         if self._asked is not None:
             self._lasted += min(self._longest, now - self._asked)
         self._asked = now
@@ -103,7 +103,7 @@ class _Pull:
 
 
 class BreakGuard:
-    """Tells a broken tendon: tension that was there for a while and vanished without being let out.
+    """Detects a broken tendon: steady tension that vanishes while the tendon is not paid out.
 
     The tension before is a median over steady motion, because accelerating the motor passes for tension. It stays known
     while nobody looks (a late computer, a silent drive): a drive that stands as far in as before and feels nothing has

@@ -109,8 +109,8 @@ class _Pace:
             self._due = (math.floor(now / self.period) + 1) * self.period
         return self._due
 
-    def begin(self, now: float) -> None:
-        """Take note that a cycle begins."""
+    def begin_cycle(self, now: float) -> None:
+        """Record that a cycle begins."""
         if self._starts:
             self._errors.append(abs(now - self._starts[-1] - self.interval))
         self._starts.append(now)
@@ -350,7 +350,7 @@ class BusLoop:
             while not self._stopping:
                 self._serve_until(pace.next_due(self.clock.now_s()), pace)
                 now = self.clock.now_s()
-                pace.begin(now)
+                pace.begin_cycle(now)
                 self._cycle(now)
                 sequence += 1
                 drives = self._controller.snapshots()

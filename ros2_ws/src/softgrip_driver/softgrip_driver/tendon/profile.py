@@ -19,7 +19,7 @@ class SpeedProfile:
     position: float
     velocity: float = 0.0
 
-    #: [m] of way that is none
+    #: [m] distances below this count as zero
     POSITION_EPSILON_M = 1e-9
 
     def step(self, target: float, speed: float, acceleration: float, dt: float) -> float:

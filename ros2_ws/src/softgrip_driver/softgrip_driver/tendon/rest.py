@@ -46,7 +46,7 @@ class RestWatch:
         self._reference: tuple[DriveSnapshot, ...] = ()
 
     def disturb(self) -> None:
-        """Take note that somebody has asked for something."""
+        """Record that somebody has asked for something."""
         self._reference = ()
 
     def is_at_rest(self, now: float, drives: Sequence[DriveSnapshot], *, is_calm: bool) -> bool:

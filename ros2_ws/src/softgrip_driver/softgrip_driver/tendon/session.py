@@ -59,7 +59,7 @@ class ZeroKeeper:
             results.append(Recalled(tendon, not reason, reason or "zero of the last homing holds"))
         return results
 
-    def keep(self, loop: BusLoop, homed_at: str) -> None:
+    def save_zeros(self, loop: BusLoop, homed_at: str) -> None:
         """Mark the devices of all homed drives and write their zeros.
 
         Raises:
@@ -82,7 +82,7 @@ class ZeroKeeper:
         self._store.save(self._zeros)
 
     def _objection(self, tendon: str, device: str, zero: StoredZero | None, mark: int | None) -> str:
-        """Say why a stored zero does not hold, empty when it does."""
+        """Return why a stored zero does not hold, empty when it does."""
         spool = self._spools[tendon]
         if zero is None:
             return "never homed"

@@ -7,7 +7,7 @@ from softgrip_driver.tendon.motions import NATURAL_LAG, DriveObservation, Motion
 
 
 class Trim:
-    """Slow integral of the position error; a drive that holds gets along without an error.
+    """Integral correction of the steady-state position error of a drive that holds.
 
     What the drive is behind by its motion goes by itself and must not be corrected: it would overshoot.
 
@@ -30,7 +30,7 @@ class Trim:
         self.value = 0.0
 
     def clear(self) -> None:
-        """Begin anew: nothing is pulled, or from somewhere else."""
+        """Start again: nothing is pulled, or from somewhere else."""
         self.value = 0.0
 
     def step(self, step: MotionStep, view: DriveObservation) -> None:

@@ -131,7 +131,7 @@ def measure_direction(
 def reversed_spool_remedy(servo: ChainServo) -> str:
     """Return what to do about a tendon that is wound the other way round than the cell file says."""
     return (
-        f"the tendon of '{servo.tendon}' is wound the other way round than the cell file says: wind it anew, or take "
+        f"the tendon of '{servo.tendon}' is wound the other way round than the cell file says: wind it again, or take "
         "direction and slack_m of this servo out of the file and run `ros2 run softgrip_driver wizard`"
     )
 

@@ -86,7 +86,7 @@ class SetupWizard:
         chain = self._cell.servos or ServoChain("", settings.baud)
         self._chain = replace(chain, port=settings.port or chain.port, baud=chain.baud or settings.baud)
         self._tendons = settings.tendons or tuple(servo.tendon for servo in chain.chain)
-        #: whose directions this run has found; those of the file may be of a tendon that was wound anew since
+        #: whose directions this run has found; those of the file may be of a tendon that was wound again since
         self._turned = set[str]()
 
     @property
@@ -127,12 +127,12 @@ class SetupWizard:
         found = find_new_servo(self._chain.port, self.baud, known, self._settings.clock)
         model = model_of(found)
         if past := describe_past(found):
-            self._person.say(past)
+            self._person.print_line(past)
         new_id = next(one for one in range(number, 253) if one not in known)
         done = name_servo(found, new_id, self.baud, self._settings.reply_margin_s, self._settings.clock)
         radius = self._settings.spool_radius_m
         self._keep(ChainServo(tendon, model.name, new_id, spool_radius_m=radius))
-        self._person.say(f"{tendon}: {model.name}; {'; '.join(done)}")
+        self._person.print_line(f"{tendon}: {model.name}; {'; '.join(done)}")
 
     def _check_chain(self) -> None:
         """See that every servo of the chain answers, once, and how soon."""
@@ -144,9 +144,9 @@ class SetupWizard:
                         f"found {who_answers(bus)}"
                     )
             late_s = bus.turnaround(self._chain.chain[0].servo_id)
-        self._person.say(f"chain: {', '.join(f'{one.tendon} = ID {one.servo_id}' for one in self._chain.chain)}")
+        self._person.print_line(f"chain: {', '.join(f'{one.tendon} = ID {one.servo_id}' for one in self._chain.chain)}")
         if late_s > SLOW_ADAPTER_S:
-            self._person.say(
+            self._person.print_line(
                 f"! the adapter keeps bytes back: expected replies within {SLOW_ADAPTER_S * 1e3:.0f} ms, found "
                 f"{late_s * 1e3:.0f} ms; {LATENCY_REMEDY}"
             )
@@ -163,7 +163,7 @@ class SetupWizard:
         direction = self._measured_direction(servo)
         self._turned.add(tendon)
         self._keep(replace(servo, direction=direction))
-        self._person.say(
+        self._person.print_line(
             f"{tendon}: a {'positive' if direction > 0 else 'negative'} rotation pulls (direction {direction})"
         )
 
@@ -196,7 +196,7 @@ class SetupWizard:
             with backend.bus.clock.stepping():
                 backend.connect()
             loop = self._make_loop(backend, controller, chain_rate(self._chain))
-            zeros = Tensioner(loop, controller, plan, self._person.say).settle()
+            zeros = Tensioner(loop, controller, plan, self._person.print_line).settle()
             goals = {name: one.zero_m - self._settings.slack_m for name, one in zeros.items()}
             with backend.bus.clock.stepping():
                 rest = release(backend, goals, plan)
@@ -211,7 +211,7 @@ class SetupWizard:
                 else "; it has not settled: look for a knot that slips, take the tendon's slack_m out of "
                 f"{self._settings.file} and run the wizard again"
             )
-            self._person.say(
+            self._person.print_line(
                 f"{servo.tendon}: slack {slack_m * 1e3:.1f} mm, zero within {abs(zero.shift_m) * 1e3:.2f} mm{settled}"
             )
 
@@ -220,12 +220,12 @@ class SetupWizard:
         with open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock) as bus:
             found = selftest.measure(bus, self._settings.selftest_s)
         is_good = found.rate >= self._settings.rate_hz and found.servos == len(self._chain.chain)
-        self._person.say(
+        self._person.print_line(
             f"self-test: {found.servos} servos, {found.rate:.0f} Hz (at least {self._settings.rate_hz:.0f}), "
             f"lost answers {found.lost_share:.2%}: {'good' if is_good else 'not good'}"
         )
         for cause in selftest.causes(found, self._settings.rate_hz):
-            self._person.say(f"-> {cause}")
+            self._person.print_line(f"-> {cause}")
         return is_good
 
     # --- helpers ---------------------------------------------------------------------------------------------------
@@ -247,7 +247,9 @@ class SetupWizard:
         return [servo for servo in self._chain.chain if servo.tendon in self._tendons]
 
     def _backend(self, servos: Sequence[ChainServo]) -> DynamixelBackend:
-        return chain_backend(self._chain, servos, self._settings.reply_margin_s, self._person.say, self._settings.clock)
+        return chain_backend(
+            self._chain, servos, self._settings.reply_margin_s, self._person.print_line, self._settings.clock
+        )
 
     def _keep(self, servo: ChainServo) -> None:
         """Put a servo into the cell file."""

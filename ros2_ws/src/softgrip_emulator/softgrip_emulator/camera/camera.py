@@ -42,7 +42,7 @@ class Camera:
         self._random = random or (lambda: 1.0)
         self._frozen_data: bytes | None = None
 
-    def take(self, sample: ExposureSample) -> bytes | None:
+    def render_frame(self, sample: ExposureSample) -> bytes | None:
         """Return one compressed frame, None when the sensor lost it."""
         faults = sample.faults
         if faults.drop_share > 0.0 and self._random() < faults.drop_share:
@@ -56,7 +56,7 @@ class Camera:
 
     def expose(self, sample: ExposureSample) -> bool:
         """Take a frame and pin it; return whether there was one to pin."""
-        data = self.take(sample)
+        data = self.render_frame(sample)
         if data is not None:
             self._board.pin(data, sample.stamp_s)
         return data is not None

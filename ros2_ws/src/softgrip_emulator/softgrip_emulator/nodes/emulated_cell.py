@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from builtin_interfaces.msg import Time
 from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Temperature
 
 from softgrip_emulator.camera.exposure_sample import CameraSettings
 from softgrip_emulator.cell import EmulatedCell
@@ -22,6 +23,7 @@ from softgrip_emulator.nodes import convert
 from softgrip_emulator.plant.cell import ServoPlace, Supply
 from softgrip_emulator.rig.emulated import LINE_GAUGES
 from softgrip_emulator.servos import available_models, load_ratings
+from softgrip_emulator.thermometer import OFFSET_STDDEV_K, PERIOD_S
 from softgrip_emulator.wire.folder import default_wire_folder
 from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
@@ -133,6 +135,8 @@ class EmulatedCellNode(CellNode):
         self._truth = self.create_publisher(EmulatorTruth, "emulator/truth", SENSOR)
         self._truth_period_s = 1.0 / values["truth_rate"]
         self._truth_due_s = 0.0
+        self._temperature = self.create_publisher(Temperature, "cell/temperature", SENSOR)
+        self._temperature_due_s = 0.0
         self._cell = cell = _open_cell(values, self._on_tick)
         self._diagnostics = Diagnostics(self, "emulated")
         # The wires exist by now: whoever waits for these services may open them at once.
@@ -197,6 +201,14 @@ class EmulatedCellNode(CellNode):
         if now_s >= self._truth_due_s:
             self._truth_due_s = max(self._truth_due_s + self._truth_period_s, now_s)
             self._publish_truth()
+        if now_s >= self._temperature_due_s:
+            self._temperature_due_s = now_s + PERIOD_S
+            self._publish_temperature()
+
+    def _publish_temperature(self) -> None:
+        message = Temperature(temperature=self.cell.thermometer.read_c(), variance=OFFSET_STDDEV_K**2)
+        message.header.stamp, message.header.frame_id = self._stamp(), "room"
+        self._temperature.publish(message)
 
     def _stamp(self) -> Time:
         return to_time_message(to_ns(self.cell.epoch_time_s()))

@@ -185,7 +185,7 @@ class CellPlant:
             self._calm_s = 0.0
 
     def lift(self) -> None:
-        """Have the arm go up with whatever the fingers hold."""
+        """Lift the arm with whatever the fingers hold."""
         with self.lock:
             self.grasp.lift()
             self._calm_s = 0.0

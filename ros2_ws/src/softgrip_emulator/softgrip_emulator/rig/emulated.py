@@ -146,7 +146,7 @@ class EmulatedRig:
         maker = self._makers().get(fault)
         if maker is None:
             raise EmulatorError(f"rig fault '{fault}': expected one of {', '.join(self.faults)}")
-        # One that is on already begins anew: what it undoes is what was before any.
+        # One that is on already starts again: what it undoes is what was before any.
         self.clear(fault)
         try:
             self._active[fault] = maker(**arguments)

@@ -158,7 +158,7 @@ class EmulatedBoard:
         return []
 
     def reset(self, now_s: float, boot_s: float) -> None:
-        """Begin anew, as with DTR, the button, or a supply that sagged: silent for a time [s], then setup()."""
+        """Start again, as with DTR, the button, or a supply that sagged: silent for a time [s], then setup()."""
         self.resets += 1
         self._said.clear()
         self._tare = None

@@ -194,7 +194,7 @@ class DrivenPort:
         if data or (due_s is not None and due_s <= now_s):
             line.baud = host_baud(master) or line.baud
             line.queue(self._device.exchange(data, line.arrival_s(len(data), now_s), line.baud))
-        piece = line.take(self.clock.now_s())
+        piece = line.take_due(self.clock.now_s())
         if piece:
             announce(self.terminal)
             self._write(master, piece)
@@ -331,7 +331,7 @@ class Line:
                 self._tx_busy_until_s = max(self._tx_busy_until_s, start_s) + self._duration_s(len(piece))
                 self._pending.append(Chunk(piece, self._tx_busy_until_s))
 
-    def take(self, now_s: float) -> bytes:
+    def take_due(self, now_s: float) -> bytes:
         """What has reached the host by now."""
         due = b""
         while self._pending and self._pending[0].start_s <= now_s:

@@ -2,7 +2,7 @@
 """An FTDI USB-serial adapter as it comes, e.g. a U2D2: it keeps bytes back until it has 62 or its timer runs out.
 
 FTDI AN232B-04, "Data Throughput, Latency and Handshaking": a 64-byte packet carries two bytes of status and 62 of data;
-a packet that is not full goes when the latency timer runs out, 16 ms by default, which every packet starts anew.
+a packet that is not full goes when the latency timer runs out, 16 ms by default, which every packet starts again.
 """
 
 from __future__ import annotations

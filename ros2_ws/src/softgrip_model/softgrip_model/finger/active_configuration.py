@@ -16,6 +16,7 @@ from softgrip_model.digest import text_digest
 from softgrip_model.finger.diagnosis import CauseWatch
 from softgrip_model.finger.learning import FingerLearner, Knowledge
 from softgrip_model.finger.predictor import Configuration
+from softgrip_model.finger.room_temperature import RoomTemperature
 from softgrip_model.finger.wear import WearMonitor
 
 
@@ -28,12 +29,14 @@ class ActiveConfiguration:
         monitors: judges of their wear, by slot.
         free: the fingers are free of objects.
         learners: what their closings have taught, by slot; empty: nothing is learnt.
+        room: what the thermometer said last; None: there is none.
     """
 
     configuration: Configuration
     monitors: Mapping[str, WearMonitor | CauseWatch]
     free: bool
     learners: Mapping[str, FingerLearner] = field(default_factory=dict)
+    room: RoomTemperature | None = None
 
     def known(self, stamp: int) -> dict[str, Knowledge]:
         """Return what a prediction at a stamp [ns] knows of each finger."""
@@ -41,7 +44,7 @@ class ActiveConfiguration:
 
     @property
     def digest(self) -> str:
-        """Name of everything here but the friction, the monitors and what was learnt."""
+        """Name of everything here that predictions go by, but the friction and what was learnt."""
         digest = self.configuration.digest
         return digest if self.free else text_digest(f"{digest};not free")
 
@@ -58,25 +61,25 @@ class ActiveConfiguration:
 
 
 class Timeline:
-    """Keeps what was in use for ``span`` nanoseconds of tendon samples."""
+    """Keeps what was in use for ``span_ns`` of tendon samples."""
 
-    def __init__(self, span: int = 2_000_000_000) -> None:
-        self._span = span
+    def __init__(self, span_ns: int = 2_000_000_000) -> None:
+        self._span_ns = span_ns
         self._since: deque[tuple[int, ActiveConfiguration]] = deque()
-        self._newest: int | None = None
+        self._newest_ns: int | None = None
 
-    def note(self, stamp: int, in_use: ActiveConfiguration) -> None:
-        """Take down what the tendon sample of a stamp [ns] meets; a late sample changes nothing."""
-        if self._newest is not None and stamp <= self._newest:
-            if stamp > self._newest - self._span:
+    def record(self, stamp_ns: int, in_use: ActiveConfiguration) -> None:
+        """Take down what the tendon sample of a stamp meets; a late sample changes nothing."""
+        if self._newest_ns is not None and stamp_ns <= self._newest_ns:
+            if stamp_ns > self._newest_ns - self._span_ns:
                 return
             self._since.clear()  # time only goes back so far when a source restarts
-        self._newest = stamp
+        self._newest_ns = stamp_ns
         if not self._since or self._since[-1][1] != in_use:
-            self._since.append((stamp, in_use))
-        while len(self._since) > 1 and self._since[1][0] < stamp - self._span:
+            self._since.append((stamp_ns, in_use))
+        while len(self._since) > 1 and self._since[1][0] < stamp_ns - self._span_ns:
             self._since.popleft()
 
-    def at(self, stamp: int) -> ActiveConfiguration | None:
-        """Return what the last tendon sample up to a stamp [ns] met; None when there was none."""
-        return next((in_use for since, in_use in reversed(self._since) if since <= stamp), None)
+    def at(self, stamp_ns: int) -> ActiveConfiguration | None:
+        """Return what the last tendon sample up to a stamp met; None when there was none."""
+        return next((in_use for since, in_use in reversed(self._since) if since <= stamp_ns), None)

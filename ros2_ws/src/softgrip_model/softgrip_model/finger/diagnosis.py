@@ -254,10 +254,10 @@ class CauseWatch:
         """Take one instant; `ClosingCollector.add` has the arguments."""
         closing = self._collector.add(sample, pulling=pulling, free=free)
         if closing:
-            self.take(closing, self._conditions(closing, temperature_c))
+            self.add_closing(closing, self._conditions(closing, temperature_c))
             self._ended = sample.stamp
 
-    def take(self, closing: tuple[ClosingInstant, ...], conditions: ClosingConditions) -> Diagnosis:
+    def add_closing(self, closing: tuple[ClosingInstant, ...], conditions: ClosingConditions) -> Diagnosis:
         """Take one closing; return what it says with those before."""
         self.closings += 1
         if self.closings <= self._settings.baseline:
@@ -280,7 +280,7 @@ class CauseWatch:
         return self.diagnosis
 
     def join(self, others: Sequence[CauseWatch]) -> None:
-        """Take note of the watches of the hand's other fingers."""
+        """Record the watches of the hand's other fingers."""
         self._others = tuple(others)
 
     @property

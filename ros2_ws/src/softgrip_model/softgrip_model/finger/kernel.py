@@ -246,5 +246,20 @@ class Kernel:
 def close(
     finger: Finger, law: FrictionLaw, pulled_mm: ArrayLike, *, gradient: bool = False, march: bool = True
 ) -> Solution:
-    """Close one finger to the pulled lengths [mm], (K,); M = 1 in the solution."""
+    """Close one finger: find its equilibrium at each pulled length of its tendon.
+
+    Args:
+        finger: the finger; `Finger.from_profile` makes it of a profile.
+        law: how the cable rubs: a fitted model's ``law``, a published one, or `FRICTIONLESS`.
+        pulled_mm: (K,) pulled lengths [mm]; 0 or less is a slack cable.
+        gradient: also the exact derivatives to thickness, routing, friction and modulus.
+        march: start each length where the ones before lead; False solves each from nothing.
+
+    Returns:
+        Joint angles, tensions and tips; its first axis counts designs and has one entry, its second the K lengths.
+        Where there is no equilibrium, `Solution.failed` is set and `reason` has the words.
+
+    Raises:
+        FingerError: pulled lengths of another shape.
+    """
     return Kernel([finger], law).solve(pulled_mm, gradient=gradient, march=march, threads=1)

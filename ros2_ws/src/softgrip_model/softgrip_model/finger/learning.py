@@ -322,7 +322,7 @@ class FingerLearner:
         return next((known for since, known in reversed(self._used) if since <= stamp), self._used[0][1])
 
     def note_open(self, stamp: int) -> None:
-        """Take note that the finger is open at a stamp [ns]: what may be used by then is, after it."""
+        """Record that the finger is open at a stamp [ns]: what may be used by then is, after it."""
         known = next((known for since, known in reversed(self._learnt) if since <= stamp), None)
         if known is None or known is self.at(stamp + 1):
             return

@@ -34,7 +34,7 @@ class JointLimit:
 
 @dataclass(frozen=True)
 class Plane:
-    """A plane that a point of the finger stays in front of: normal . point >= offset, in the base frame.
+    """A plane that a point of the finger stays in front of: in the base frame, normal dot point >= offset.
 
     Attributes:
         normal: unit, towards the free side.
@@ -68,7 +68,13 @@ class Cylinder:
 def sphere(
     centre_mm: tuple[float, float, float], radius_mm: float, link: int | None = None, along_mm: float | None = None
 ) -> Cylinder:
-    """Return a sphere as the finger's plane cuts it; the third coordinate is the centre's distance from the plane.
+    """Return a sphere as the finger's plane cuts it: a cylinder.
+
+    Args:
+        centre_mm: x, y in the finger's plane, and the distance from that plane.
+        radius_mm: of the sphere.
+        link: as in `Cylinder`.
+        along_mm: as in `Cylinder`.
 
     Raises:
         FingerError: the sphere does not reach the plane.

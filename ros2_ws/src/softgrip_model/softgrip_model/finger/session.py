@@ -24,6 +24,7 @@ from softgrip_model.finger.predictor import (
     TendonReading,
     Validity,
 )
+from softgrip_model.finger.room_temperature import RoomTemperature
 from softgrip_model.finger.uncertainty import PRIOR, Uncertainty
 from softgrip_model.finger.wear import WearMonitor, WearSettings, WearVerdict
 from softgrip_model.profile import Profile
@@ -94,6 +95,7 @@ class Session:
         self._learned: ActiveFriction | None = None
         self._matchers: dict[str, Matcher[MeasuredFinger]] = {}
         self._free = True
+        self._room: RoomTemperature | None = None
         self._timeline = Timeline()
         self._joint_model = joint_model
         self._uncertainty = uncertainty
@@ -121,13 +123,17 @@ class Session:
             self._adopt(mounted, self.configuration.friction)
 
     def set_free(self, free: bool) -> None:
-        """Take note that from now on the fingers move free of objects, or not."""
+        """Record that from now on the fingers move free of objects, or not."""
         self._free = free
+
+    def set_room(self, room: RoomTemperature) -> None:
+        """Take note of the temperature: closings from now on are made in it."""
+        self._room = room
 
     @property
     def in_use(self) -> ActiveConfiguration:
         """What a tendon sample that comes now is predicted and judged with."""
-        return ActiveConfiguration(self.configuration, self._monitors, self._free, self._learners)
+        return ActiveConfiguration(self.configuration, self._monitors, self._free, self._learners, self._room)
 
     def take_learnt(self) -> list[tuple[str, Knowledge]]:
         """Return slot and knowledge of every closing that was learnt from since the last call."""
@@ -137,7 +143,7 @@ class Session:
     def on_tendons(self, tendons: Sequence[TendonInput], names: Sequence[str]) -> list[Residual]:
         """Take the tendons' state at one stamp; return the residuals that became known by it."""
         for sample in tendons[:1]:
-            self._timeline.note(sample.stamp, self.in_use)
+            self._timeline.record(sample.stamp, self.in_use)
         for name, sample in zip(names, tendons, strict=True):
             if name in self._learners and sample.pulled_length_m < OPEN_M:
                 self._learners[name].note_open(sample.stamp)
@@ -266,12 +272,13 @@ class Session:
     def _observe(
         self, in_use: ActiveConfiguration, tendon: TendonInput, measured: MeasuredFinger, predicted_n: float
     ) -> None:
-        """Have a finger's monitor and learner take one instant."""
+        """Pass one instant to a finger's monitor and learner."""
         slot, pulling = measured.finger, tendon.velocity > PAYING_OUT
         sample = ClosingInstant(
             tendon.stamp, 1e3 * tendon.pulled_length_m, 1e3 * np.array(measured.tip), tendon.tension, predicted_n
         )
-        in_use.monitors[slot].add(sample, pulling=pulling, free=in_use.free)
+        temperature_c = in_use.room.at(tendon.stamp) if in_use.room else math.nan
+        in_use.monitors[slot].add(sample, pulling=pulling, free=in_use.free, temperature_c=temperature_c)
         if slot in in_use.learners:
             learnt = in_use.learners[slot].add(sample, pulling=pulling, free=in_use.free)
             if learnt is not None:

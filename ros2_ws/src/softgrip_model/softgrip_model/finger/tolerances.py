@@ -40,7 +40,7 @@ _SCALES = (
 _SHARE_SD = 0.2
 #: Logarithms of widths beside the stated ones, and shares of the room, are looked for in so much.
 _SCALE_RANGE, _SHARE_RANGE = (-3.0, 1.5), (-0.5, 0.5)
-#: Times that closings are linearised anew with the widths found.
+#: Times that closings are linearised again with the widths found.
 _ROUNDS = 3
 
 

@@ -165,14 +165,16 @@ class WearMonitor:
         """Decision statistic; alarm above the settings' limit."""
         return self._stiffness.statistic
 
-    def add(self, sample: ClosingInstant, *, pulling: bool, free: bool) -> None:
+    def add(self, sample: ClosingInstant, *, pulling: bool, free: bool, temperature_c: float = math.nan) -> None:
         """Take one instant.
 
         Args:
             sample: pulled length, prediction and measurement.
             pulling: the cable is being pulled.
             free: nothing is held: only then the free model says what to expect.
+            temperature_c: not looked at.
         """
+        del temperature_c
         closing = self._collector.add(sample, pulling=pulling, free=free)
         if closing:
             self._finish(closing)

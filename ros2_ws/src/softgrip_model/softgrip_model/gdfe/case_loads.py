@@ -96,7 +96,7 @@ class CaseLoads:
 
     @property
     def follow_the_body(self) -> bool:
-        """Say whether anything acts that depends on the shape."""
+        """Return whether anything acts that depends on the shape."""
         return bool(self.cables or self.around.pressed or self.around.followers or self.around.obstacles)
 
 

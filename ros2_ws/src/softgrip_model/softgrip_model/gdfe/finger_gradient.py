@@ -195,7 +195,7 @@ class MeshedFinger:
             by_anchor = found.by_actuator_tension * anchor
         adjoint = tangent.adjoint(by_vertices, [by_anchor])
         at_rest = [self._value(goal, change) for change in changes]
-        slopes = [direct - change.answer(adjoint) for direct, change in zip(at_rest, changes, strict=True)]
+        slopes = [direct - change.multiply_adjoint(adjoint) for direct, change in zip(at_rest, changes, strict=True)]
         n = self.finger.joints
         return DesignGradient(
             found.value,
@@ -265,7 +265,7 @@ class _DesignChange:
     more: _Imbalance
     less: _Imbalance
 
-    def answer(self, adjoint: Adjoint) -> float:
+    def multiply_adjoint(self, adjoint: Adjoint) -> float:
         """Return adjoint . dR/dp."""
         force = np.sum(adjoint.node * (self.more.force - self.less.force))
         length = adjoint.cable[0] * (self.more.length - self.less.length)

@@ -209,7 +209,7 @@ class Ogden:
         return np.asarray(s - np.mean(s, axis=-1, keepdims=True))
 
     def stable(self, stretches: Array) -> NDArray[np.bool_]:
-        """Say whether Drucker's condition holds at principal stretches (..., 3), taken at constant volume, (...).
+        """Return whether Drucker's condition holds at principal stretches (..., 3), taken at constant volume, (...).
 
         d tau : d ln l > 0 for every change of shape: with s_i = sum 2 mu/alpha l_i^alpha and c_i = d s_i / d ln l_i =
         sum 2 mu l_i^alpha the changes e1 = a, e2 = b, e3 = -a - b ask of the matrix

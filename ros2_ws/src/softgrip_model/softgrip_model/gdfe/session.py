@@ -287,7 +287,7 @@ class ShapeSession:
         if self._prefetches:
             self._closings.prefetch(self._planned)
         if not samples or self._fingers.keys().isdisjoint(names):
-            # What shows nothing leaves no trace: a replay knows only of the states that were shown.
+            # States that were not shown must not change the session, or a replay would differ.
             return
         stamp = samples[0].stamp
         if not self._shape_rate.accepts(stamp):

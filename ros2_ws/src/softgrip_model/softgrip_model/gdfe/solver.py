@@ -55,7 +55,7 @@ class Ordering(StrEnum):
 
 
 class Method(StrEnum):
-    """What undoes the constant matrix: a direct factor, or multigrid, whose cost grows with the mesh and not faster."""
+    """Solver for the constant matrix: a direct factor, or multigrid, whose cost grows with the mesh and not faster."""
 
     AUTOMATIC = "automatic"
     DIRECT = "direct"
@@ -80,14 +80,24 @@ class Supports:
         return cls(np.zeros((nodes, 3), dtype=bool))
 
     def with_prescribed(self, nodes: Index, axes: str = "xyz") -> Supports:
-        """Return these supports and prescribed displacements of nodes along axes."""
+        """Return these supports and prescribed displacements of nodes along axes.
+
+        Args:
+            nodes: their numbers; `Mesh.nodes_where` finds them.
+            axes: some of ``xyz``. How far they are led is said to `Solver.solve`; nothing said holds them.
+        """
         prescribed = self.prescribed.copy()
         for axis in axes:
             prescribed[nodes, "xyz".index(axis)] = True
         return Supports(prescribed, self.tied)
 
     def with_tied(self, nodes: Index, axis: str) -> Supports:
-        """Return these supports and nodes tied along an axis."""
+        """Return these supports and nodes tied along an axis: they move by one displacement, which is unknown.
+
+        Args:
+            nodes: their numbers.
+            axis: ``x``, ``y`` or ``z``.
+        """
         return Supports(self.prescribed, (*self.tied, ("xyz".index(axis), nodes)))
 
     def maps(self) -> list[Index]:
@@ -332,7 +342,7 @@ class Solver:
         self._core.set_thesis_state(omega, last_strain)
 
     def set_friction(self, cable: int, friction: FrictionLaw) -> None:
-        """Have a cable rub by another law from now on; matrix and factor stay, as friction acts on forces only."""
+        """Set the friction law of a cable; matrix and factor stay, as friction acts on forces only."""
         changed = replace(self.cables[cable], friction=friction)
         self.cables = (*self.cables[:cable], changed, *self.cables[cable + 1 :])
         self._core.set_friction(cable, *friction_numbers(friction))

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker
 
@@ -27,6 +27,7 @@ from softgrip_model.finger import FingerError
 from softgrip_model.finger.active_configuration import ActiveConfiguration
 from softgrip_model.finger.matching import TendonInput
 from softgrip_model.finger.predictor import ActiveFriction, Prediction
+from softgrip_model.finger.room_temperature import RoomTemperature
 from softgrip_model.finger.session import MeasuredFinger, Residual
 from softgrip_model.friction.acceptance import accept
 from softgrip_model.gdfe.session import Shown
@@ -84,7 +85,7 @@ def active_friction(message: FrictionModel) -> ActiveFriction:
     if message.verdict == FrictionModel.UNSET:
         raise FingerError(f"friction model {message.id!r}: expected a verdict, found none; calibrate (rig/calibrate)")
     if message.verdict not in _USABLE:
-        raise FingerError(f"friction model {message.id!r} says of itself not to use it: {message.reason}")
+        raise FingerError(f"friction model {message.id!r} is marked do-not-use: {message.reason}")
     accepted = accept(message)
     return ActiveFriction(message.id, accepted.law, accepted.covariance, accepted.digest)
 
@@ -99,8 +100,17 @@ def mounted_profiles(message: CellState) -> dict[str, str]:
 
 
 def is_free(message: CellState) -> bool:
-    """Say whether closings in this mode meet no object."""
+    """Return whether closings in this mode meet no object."""
     return message.mode not in _NOT_FREE
+
+
+def room_temperature(message: Temperature) -> RoomTemperature:
+    """Return what a thermometer says [degC, as REP 103's exception for sensor_msgs/Temperature].
+
+    Raises:
+        FingerError: no temperature that a room can have.
+    """
+    return RoomTemperature(nanoseconds(message.header.stamp), float(message.temperature))
 
 
 def predicted_message(header: Header, predictions: Sequence[Prediction], in_use: ActiveConfiguration) -> FingerStates:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Predicts the mounted fingers from the pulled tendon lengths, and compares with what the camera sees.
 
-Subscribes tendon/state, friction/active, cell/state, finger/measured; publishes finger/predicted and finger/residual;
-serves finger/predict. Results leave from subscription callbacks only and depend on the messages and their stamps alone
-(softgrip_nodekit/event_time.py); each names the friction model and the configuration it was computed with, so that a
-bag replays to the same numbers.
+Subscribes tendon/state, friction/active, cell/state, finger/measured, and a thermometer's cell/temperature where there
+is one; publishes finger/predicted and finger/residual; serves finger/predict. Results leave from subscription callbacks
+only and depend on the messages and their stamps alone (softgrip_nodekit/event_time.py); each names the friction model
+and the configuration it was computed with, so that a bag replays to the same numbers.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, Temperature
 
 from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, PredictionResidual
 from softgrip_interfaces.srv import PredictFinger
@@ -149,6 +149,7 @@ class KinematicsPredictor(CellNode):
         self.create_subscription(CellState, "cell/state", self._on_cell, LATCHED)
         self.create_subscription(JointState, "tendon/state", self._on_tendons, SENSOR)
         self.create_subscription(FingerStates, "finger/measured", self._on_measured, SENSOR)
+        self.create_subscription(Temperature, "cell/temperature", self._on_temperature, SENSOR)
         self.create_service(PredictFinger, "finger/predict", self._on_predict)
         self._report("profile", Health.OK, "as given by parameters", self._mounted())
         self._report("friction", Health.OK, f"the profiles' own: {self._session.configuration.friction_id}")
@@ -221,6 +222,15 @@ class KinematicsPredictor(CellNode):
             self._report("profile", Health.WARN, f"{error}; still predicting {self._mounted()}")
             return
         self._report("profile", Health.OK, "as mounted by cell/state", self._mounted())
+
+    def _on_temperature(self, message: Temperature) -> None:
+        try:
+            room = convert.room_temperature(message)
+        except FingerError as error:
+            self._report("room", Health.WARN, str(error))
+            return
+        self._inputs.latch("cell/temperature", message, lambda: self._session.set_room(room))
+        self._report("room", Health.OK, f"{room.celsius:.1f} degC")
 
     def _on_predict(self, request: PredictFinger.Request, response: PredictFinger.Response) -> PredictFinger.Response:
         try:

@@ -50,7 +50,7 @@ def loads(text: str) -> Profile:
         raise ProfileError(f"expected a mapping with 'schema: {SCHEMA}', found {type(data).__name__}")
     if data.get("schema") != SCHEMA:
         raise ProfileError(
-            f"schema: this version reads schema {SCHEMA}, found {data.get('schema')!r}; write the profile anew"
+            f"schema: this version reads schema {SCHEMA}, found {data.get('schema')!r}; write the profile again"
         )
     profile: Profile = _build(Profile, data, "")
     validate(profile)

@@ -135,7 +135,7 @@ def problems(profile: Profile) -> list[str]:
     """Everything that keeps the profile from being used, in words; empty when it is sound."""
     found = []
     if profile.schema != SCHEMA:
-        found.append(f"schema: expected {SCHEMA}, found {profile.schema}; write the profile anew in schema {SCHEMA}")
+        found.append(f"schema: expected {SCHEMA}, found {profile.schema}; write the profile again in schema {SCHEMA}")
     if not profile.id or not all(c.isalnum() or c in "-_" for c in profile.id):
         found.append(f"id: expected letters, digits, - and _, found {profile.id!r}")
     found += _material_problems(profile.material)

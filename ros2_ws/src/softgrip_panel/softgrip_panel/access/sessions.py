@@ -42,7 +42,7 @@ class Sessions:
         self._on_end = on_end
         self._by_token: dict[str, _Session] = {}
 
-    def begin(self, name: str, role: Role) -> str:
+    def open_session(self, name: str, role: Role) -> str:
         """Begin a session and return its token, the only thing that proves it."""
         self._drop_old()
         while len(self._by_token) >= MAX_SESSIONS:

@@ -98,6 +98,8 @@ _INTERFACES = "softgrip_interfaces"
 _TRANSITIONS = {"configure": 1, "cleanup": 2, "activate": 3, "deactivate": 4}
 #: Of MoveTendon.
 _LENGTH, _TENSION = 1, 2
+#: Of ConfirmStep; 0 is none of them, and refused.
+_CONFIRMED = {"open_palm": 3, "remove": 4, "insert": 5, "close_palm": 6, "hands_out": 10}
 
 
 def estop() -> Act:
@@ -152,9 +154,13 @@ def swap(finger_set: str, serials: Sequence[str] = ()) -> Act:
 
 
 def confirm_step(step: str, token: str, serials: Sequence[str] = ()) -> Act:
-    """Say that a step of the swap is done."""
+    """Confirm that a step of the swap is done."""
     call = _service(
-        "cell/confirm_step", f"{_INTERFACES}/srv/ConfirmStep", step=step, token=token, serials=list(serials)
+        "cell/confirm_step",
+        f"{_INTERFACES}/srv/ConfirmStep",
+        step=_CONFIRMED.get(step, 0),
+        token=token,
+        serials=list(serials),
     )
     return Act("confirm_step", call, subject=" ".join((step, *serials)), is_secret=True)
 
@@ -184,7 +190,7 @@ def calibrate(
 
 
 def confirm_rig() -> Act:
-    """Say that angle and weight are set."""
+    """Confirm that angle and weight are set."""
     return Act("confirm_rig", _service("rig/confirm", _TRIGGER))
 
 

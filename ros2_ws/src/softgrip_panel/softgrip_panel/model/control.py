@@ -49,7 +49,7 @@ class ControlDesk:
         asked_by = self._asked_by if self._asked_by and not self._is_lost(self._asked_by) else None
         return ControlView(self._owner, self._owner is not None and self._is_lost(self._owner), asked_by)
 
-    def see(self, session: str) -> None:
+    def observe_page(self, session: str) -> None:
         """Take that a page of a session is open now."""
         self._seen_s[session] = self._now_s()
         if len(self._seen_s) > 1000:
@@ -60,7 +60,7 @@ class ControlDesk:
         """Whether this person's session has control."""
         return self._owner is not None and self._owner.session == person.session
 
-    def take(self, person: Person) -> None:
+    def take_control(self, person: Person) -> None:
         """Take control that nobody has, or whose owner has no page open.
 
         Raises:
@@ -81,7 +81,7 @@ class ControlDesk:
             ActRefusedError: the role does not allow it.
         """
         if self._owner is None or self._is_lost(self._owner) or person.role < Role.OPERATE:
-            self.take(person)
+            self.take_control(person)
         elif not self.has(person):
             self._asked_by = person
 
@@ -99,7 +99,7 @@ class ControlDesk:
         return asked_by
 
     def give_back(self, person: Person) -> None:
-        """Have control no longer."""
+        """Give control up."""
         if self.has(person):
             self._owner = None
             if self.view.asked_by is not None:
@@ -138,7 +138,7 @@ class ControlDesk:
 
     def _give_to(self, person: Person) -> None:
         self._owner, self._asked_by = person, None
-        self.see(person.session)
+        self.observe_page(person.session)
 
     def _is_lost(self, person: Person) -> bool:
         return self._now_s() - self._seen_s.get(person.session, -1e9) > self._lost_s

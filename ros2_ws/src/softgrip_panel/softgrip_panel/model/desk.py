@@ -59,7 +59,7 @@ class ActDesk:
         except ActRefusedError as error:
             return self._done(person, act.name, act.subject, ActResult(success=False, message=str(error)))
         if not act.is_urgent:
-            self.note(person.name, act.name, act.subject, success=True, message="begun")
+            self.record_event(person.name, act.name, act.subject, success=True, message="begun")
         return self._done(person, act.name, act.subject, await self._calls.call(act, person.name))
 
     def carry_out(
@@ -105,7 +105,7 @@ class ActDesk:
         return self._change_control(person, "hand_over", lambda desk: f"{desk.hand_over(person).name} has control")
 
     def give_back(self, person: Person) -> ActResult:
-        """Have control no longer."""
+        """Give control up."""
 
         def give(desk: ControlDesk) -> str:
             desk.give_back(person)
@@ -136,7 +136,7 @@ class ActDesk:
         """Write down that something was asked for that cannot be done."""
         return self._done(person, act, "", ActResult(success=False, message=message))
 
-    def note(self, who: str, act: str, subject: str, *, success: bool, message: str) -> None:
+    def record_event(self, who: str, act: str, subject: str, *, success: bool, message: str) -> None:
         """Write down what happened beside acts: what begins, log-ins, refused requests."""
         self._record.write(who, act, subject, success=success, message=message)
         if success or self._has_room_for_a_stranger():
@@ -167,6 +167,6 @@ class ActDesk:
 
     def _done(self, person: Person, act: str, subject: str, result: ActResult) -> ActResult:
         self._record.write(person.name, act, subject, success=result.success, message=result.message)
-        self.state.note(person.name, act, subject, success=result.success, message=result.message)
+        self.state.add_notice(person.name, act, subject, success=result.success, message=result.message)
         self.on_done(person.name, act, subject, f"{'done' if result.success else 'refused'}: {result.message}")
         return result

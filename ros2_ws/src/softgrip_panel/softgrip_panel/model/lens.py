@@ -47,7 +47,7 @@ class LensViews:
         if self.folder is not None and self.folder.is_dir():
             shutil.rmtree(self.folder, ignore_errors=True)
 
-    def take(self, jpeg: bytes) -> BoardView:
+    def add_view(self, jpeg: bytes) -> BoardView:
         """Take a view; tenths of a second of work, so not in the web's own thread.
 
         Raises:

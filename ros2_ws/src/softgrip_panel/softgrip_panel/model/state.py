@@ -190,7 +190,7 @@ class PanelState:
         """Whether the driver is not heard: what is shown may be old."""
         return self.monotonic_s() - self._heard_s > SILENCE_S
 
-    def note(self, who: str, act: str, subject: str, *, success: bool, message: str) -> None:
+    def add_notice(self, who: str, act: str, subject: str, *, success: bool, message: str) -> None:
         """Let every page see what somebody did."""
         with self._lock:
             self._numbers += 1

@@ -15,7 +15,7 @@ from typing import Final
 #: A swap of one set of fingers for another may take so long (thesis 4.3.4) [s].
 LIMIT_S: Final = 300.0
 
-#: Steps in order, as softgrip_cell's SwapStep names them in feedback.
+#: Steps in order, named as in softgrip_cell's SwapStep.
 STEPS: Final = (
     "release", "lock", "open_palm", "remove", "insert", "close_palm", "unlock", "home", "verify", "done",
 )  # fmt: skip
@@ -87,7 +87,7 @@ class SwapProgress:
         if view.is_open:
             self.view, self._is_taken_up = view, True
 
-    def begin(self, finger_set: str, who: str, now_s: float) -> None:
+    def begin_swap(self, finger_set: str, who: str, now_s: float) -> None:
         """A goal was accepted."""
         self._is_taken_up = False
         self._set(SwapView(SwapPhase.RUNNING, finger_set, started_s=now_s, who=who))

@@ -49,7 +49,7 @@ class WeightCheck:
     def __init__(self) -> None:
         self.points: tuple[WeightPoint, ...] = ()
 
-    def take(self, tendon: str, mass_kg: float, readings_n: Sequence[float]) -> WeightPoint:
+    def add_weight(self, tendon: str, mass_kg: float, readings_n: Sequence[float]) -> WeightPoint:
         """Add a weight by the readings of its tendon.
 
         Raises:

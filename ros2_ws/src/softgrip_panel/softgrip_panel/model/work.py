@@ -273,7 +273,7 @@ class Worker:
         return problem or (result.message if failed else "")
 
     async def _with_fingers(self, person: Person, item: WorkItem) -> str:
-        """Have the right fingers mounted."""
+        """Order the right fingers to be mounted."""
         cell = self._desk.state.cell
         if (
             cell is not None

@@ -73,6 +73,13 @@ MOVE_OUTCOMES = _names(
 )
 GRASP_OUTCOMES = _names(Grasp.Result, "GRIPPED", "EMPTY", "SLIPPED", "TENDON_FAULT", "ABORTED")
 SWAP_OUTCOMES = _names(SwapFingers.Result, "SUCCEEDED", "CANCELLED", "REFUSED", "FAILED")
+SWAP_STEPS = {
+    number: name.lower()
+    for number, name in _names(
+        SwapFingers.Feedback,
+        "RELEASE", "LOCK", "OPEN_PALM", "REMOVE", "INSERT", "CLOSE_PALM", "UNLOCK", "HOME", "VERIFY",
+    ).items()
+}  # fmt: skip
 RESIDUAL_VERDICTS = _names(PredictionResidual, "UNSET", "OK", "WATCH", "RECALIBRATE", "WORN")
 SAMPLE_VERDICTS = _names(FrictionSample, "UNSET", "ACCEPTED", "REPEAT", "REJECTED")
 MODEL_VERDICTS = _names(FrictionModel, "UNSET", "USABLE", "REPEAT_POINTS", "DO_NOT_USE")

@@ -344,13 +344,13 @@ class PanelNode(CellNode):
     def _on_accepted(self, act: str, goal: Any, who: str) -> None:
         if act == "swap":
             with self._state.locked() as state:
-                state.swap.begin(goal.finger_set, who, time.time())
+                state.swap.begin_swap(goal.finger_set, who, time.time())
 
     def _on_feedback(self, act: str, feedback: Any, _who: str) -> None:
         if act == "swap":
             with self._state.locked() as state:
                 state.swap.observe(
-                    feedback.step,
+                    convert.SWAP_STEPS.get(feedback.step, ""),
                     feedback.instruction,
                     feedback.token,
                     needs_confirmation=bool(feedback.confirmation),

@@ -153,9 +153,9 @@ class Page:
 
     def do(self, act: Act) -> Callable[[], None]:
         """Return a handler that does an act."""
-        return lambda: self.begin(act)
+        return lambda: self.begin_act(act)
 
-    def begin(self, act: Act, then: Callable[[ActResult], None] | None = None) -> None:
+    def begin_act(self, act: Act, then: Callable[[ActResult], None] | None = None) -> None:
         """Do an act beside the page; it goes on when the page is left."""
 
         async def perform() -> None:
@@ -293,7 +293,7 @@ class Page:
         return False
 
     def _refresh(self) -> None:
-        self.state.control.see(self.person.session)
+        self.state.control.observe_page(self.person.session)
         self.shown.refresh()
         notices = [one for one in self.state.notices if one.number > self._last_notice]
         if notices:

@@ -13,7 +13,7 @@ class ShownParts:
     def __init__(self) -> None:
         self._parts: list[tuple[Callable[[], Any], Callable[[Any], None], list[Any]]] = []
 
-    def keep(self, read: Callable[[], Any], write: Callable[[Any], None]) -> None:
+    def follow_value(self, read: Callable[[], Any], write: Callable[[Any], None]) -> None:
         """Write a value whenever it differs from the one before; the first time now."""
         value = read()
         write(value)
@@ -27,21 +27,21 @@ class ShownParts:
             with holder:
                 make(value)
 
-        self.keep(read, write)
+        self.follow_value(read, write)
 
     def text(self, element: Any, read: Callable[[], str]) -> Any:
         """Keep the text of an element."""
-        self.keep(read, element.set_text)
+        self.follow_value(read, element.set_text)
         return element
 
     def visible(self, element: Any, read: Callable[[], bool]) -> Any:
         """Show an element or not."""
-        self.keep(read, element.set_visibility)
+        self.follow_value(read, element.set_visibility)
         return element
 
     def enabled(self, element: Any, read: Callable[[], bool]) -> Any:
         """Let a button be pressed or not."""
-        self.keep(read, element.set_enabled)
+        self.follow_value(read, element.set_enabled)
         return element
 
     def state(self, element: Any, read: Callable[[], str], name: str = "data-state") -> Any:
@@ -51,7 +51,7 @@ class ShownParts:
             element._props[name] = value  # noqa: SLF001  the string form of props() would have to be quoted
             element.update()
 
-        self.keep(read, write)
+        self.follow_value(read, write)
         return element
 
     def refresh(self) -> None:

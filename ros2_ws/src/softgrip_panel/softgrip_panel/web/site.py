@@ -131,7 +131,7 @@ class PanelSite:
 
     def _on_refusal(self, address: str, path: str, reason: str) -> None:
         self.log(f"refused a request from {address} for {path[:80]!r}: {reason}")
-        self.desk.note(address, "request", path[:80], success=False, message=reason)
+        self.desk.record_event(address, "request", path[:80], success=False, message=reason)
 
     async def _login_page(self) -> Response:
         return HTMLResponse(self._login_html(""))
@@ -149,11 +149,11 @@ class PanelSite:
                 self.brake.fail(f"name {name}", f"address {address}")
                 raise AccessError(self.texts("login.wrong"))
         except AccessError as error:
-            self.desk.note(given[:40], "login", address, success=False, message=str(error))
+            self.desk.record_event(given[:40], "login", address, success=False, message=str(error))
             return HTMLResponse(self._login_html(str(error)), status_code=403)
         self.brake.succeed(f"name {name}")
-        token = self.sessions.begin(name, role)
-        self.desk.note(name, "login", address, success=True, message=role.word)
+        token = self.sessions.open_session(name, role)
+        self.desk.record_event(name, "login", address, success=True, message=role.word)
         response = RedirectResponse("/", status_code=303)
         response.set_cookie(COOKIE, token, httponly=True, samesite="strict", secure=self.rule.is_secure, path="/")
         return response
@@ -167,7 +167,7 @@ class PanelSite:
     async def _logout(self, request: Request) -> Response:
         person = person_of(request.scope)
         self.sessions.end(request.scope[TOKEN])
-        self.desk.note(person.name, "logout", "", success=True, message="")
+        self.desk.record_event(person.name, "logout", "", success=True, message="")
         response = RedirectResponse("/login", status_code=303)
         response.delete_cookie(COOKIE, path="/")
         return response
@@ -232,7 +232,7 @@ class PanelSite:
         sent_number, sent_tensions = -1, b""
         state = self.desk.state
         while not leaving.done() and self.sessions.find(socket.scope[TOKEN]) is not None:
-            state.control.see(session)
+            state.control.observe_page(session)
             tensions = pack_tensions(state.tensions, state.is_stale)
             if tensions != sent_tensions:
                 sent_tensions = tensions

@@ -113,7 +113,7 @@ def _with_progress(tasks: Sequence[SweepTask], store: ResultsStore, pool: Any) -
 
 
 def _report(summary: SweepSummary, store: ResultsStore) -> int:
-    """Say what was done, list what failed; return the exit code."""
+    """Print what was done, list what failed; return the exit code."""
     print(
         f"{summary.done} tasks done, {summary.resumed} were done before, {len(summary.failed)} failed", file=sys.stderr
     )

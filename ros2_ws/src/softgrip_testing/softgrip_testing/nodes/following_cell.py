@@ -17,7 +17,8 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from softgrip_interfaces.srv import AcquireLease, ReleaseLease
-from softgrip_nodekit import RELIABLE, SENSOR
+from softgrip_nodekit import RELIABLE, SENSOR, to_time_message
+from softgrip_time.units import NANOSECONDS
 
 SLOTS = ("index", "middle", "thumb")
 
@@ -41,7 +42,7 @@ class FollowingCell(Node):
         self.asked: list[str] = []
         self.orders: list[JointTrajectory] = []
         self.lengths_m = np.zeros(len(SLOTS))
-        self.time_ns, self.speaks, self.owner = 10**9, True, ""
+        self.time_ns, self.speaks, self.owner = NANOSECONDS, True, ""
         self._n_per_m = n_per_m
         for kind, name in ((AcquireLease, "tendon/lease"), (ReleaseLease, "tendon/lease_release"), *services):
             self.create_service(kind, name, partial(self._answer, name))
@@ -49,7 +50,7 @@ class FollowingCell(Node):
         self._state = self.create_publisher(JointState, "tendon/state", SENSOR)
         self.create_timer(tick_s, self._tick)
 
-    def answer(self, name: str, response: Any) -> Any:
+    def answer_service(self, name: str, response: Any) -> Any:
         """Answer a service."""
         self.asked.append(name)
         response.success = not (self.owner and name == "tendon/lease")
@@ -59,9 +60,9 @@ class FollowingCell(Node):
         return response
 
     def _answer(self, name: str, _request: Any, response: Any) -> Any:
-        return self.answer(name, response)
+        return self.answer_service(name, response)
 
-    def say(self) -> None:
+    def publish_more(self) -> None:
         """Publish what a test wants said in every tick, behind tendon/state."""
 
     def _follow(self, message: JointTrajectory) -> None:
@@ -74,9 +75,9 @@ class FollowingCell(Node):
         self.time_ns += 10_000_000
         state = JointState(name=list(SLOTS), position=self.lengths_m.tolist(), velocity=[0.0] * len(SLOTS))
         state.effort = (self._n_per_m * self.lengths_m).tolist()
-        state.header.stamp.sec, state.header.stamp.nanosec = divmod(self.time_ns, 10**9)
+        state.header.stamp = to_time_message(self.time_ns)
         self._state.publish(state)
-        self.say()
+        self.publish_more()
 
 
 @contextmanager

@@ -70,7 +70,7 @@ PARAMETERS = ParameterTable(
     Parameter("width", 0, "asked of a device; 0: its choice", "px", 0, 8192),
     Parameter("height", 0, "asked of a device; 0: its choice", "px", 0, 8192),
     Parameter("fps", 0.0, "asked of a device, or of an image folder; 0: their choice", "Hz", 0.0, 1000.0),
-    Parameter("exposure_s", 0.0, "of a V4L2 device; 0: the camera chooses it anew with the light", "s", 0.0, 1.0),
+    Parameter("exposure_s", 0.0, "of a V4L2 device; 0: the camera chooses it again with the light", "s", 0.0, 1.0),
     Parameter("gain", LEAVE, "of a V4L2 device, in its own unit (v4l2-ctl -l); -1: as it is", "", LEAVE, 2**31 - 1),
     Parameter("focus", LEAVE, "likewise; -1: as it is, automatic where it can", "", LEAVE, 2**31 - 1),
     Parameter("white_balance_k", 0, "of a V4L2 device; 0: the camera chooses it", "K", 0, 20000),
@@ -149,7 +149,7 @@ class CameraNode(CellNode):
             return calibration.load(file_when_there(Path(name), self._values["calibration_wait_s"]))
 
     def _publish_pose(self) -> None:
-        """Say where the camera stands, where its calibration knows: beside the first finger that it names."""
+        """Log where the camera stands, where its calibration knows: beside the first finger that it names."""
         if self._calibration is None or not self._calibration.planes:
             return
         plane = self._calibration.planes[0]
@@ -195,7 +195,7 @@ class CameraNode(CellNode):
         return {info.node_name for info in self.get_subscriptions_info_by_topic(self._compressed.topic_name)}
 
     def _publish_ready(self) -> None:
-        while (frame := self._capture.take()) is not None:
+        while (frame := self._capture.take_frame()) is not None:
             self._publish(frame)
 
     def _publish(self, frame: CameraFrame) -> None:
@@ -211,7 +211,7 @@ class CameraNode(CellNode):
         self._compressed.publish(compressed)
         if self._pixels is not None and raw is not None:
             self._pixels.publish(raw)
-        self._watch.see(frame)
+        self._watch.observe_frame(frame)
         self._published += 1
         self._last_stamp_ns = frame.stamp_ns
 
@@ -284,7 +284,7 @@ class CameraNode(CellNode):
             )
 
     def _report_controls(self, status: CaptureStatus) -> None:
-        """Say what a device could not be set to, and what it still chooses by itself."""
+        """Log what a device could not be set to, and what it still chooses by itself."""
         found = status.controls
         if found is None:
             return

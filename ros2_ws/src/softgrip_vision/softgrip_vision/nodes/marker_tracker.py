@@ -235,7 +235,7 @@ class MarkerTrackerNode(CellNode):
         else:
             self._measure(message.header, pixels)
         self._follower.report(nanoseconds(message.header.stamp))
-        self._while_brief.note(time.thread_time() - start)
+        self._while_brief.add_turn(time.thread_time() - start)
 
     def _may_skip(self, stamp_s: float, small: Callable[[], colour.Image]) -> bool:
         """Whether a frame shows what the last measured one showed, not long ago; never while somebody looks at all."""

@@ -98,7 +98,7 @@ class Capture:
         """Start capturing."""
         self._thread.start()
 
-    def take(self) -> CameraFrame | None:
+    def take_frame(self) -> CameraFrame | None:
         """Return the oldest frame that was not taken yet, None when there is none."""
         with self._lock:
             return self._frames.popleft() if self._frames else None

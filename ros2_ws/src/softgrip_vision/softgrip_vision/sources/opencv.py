@@ -196,7 +196,7 @@ def _apply_controls(path: Path, settings: ControlSettings) -> ControlReport:
 
 
 def _require_access(path: Path) -> None:
-    """Say why a path cannot be read, which OpenCV does not."""
+    """Return why a path cannot be read, which OpenCV does not."""
     if not path.exists():
         raise SourceError(
             f"{path}: expected a camera, video or folder, found nothing there ({os.strerror(errno.ENOENT)})"

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What undoes the constant matrix L in the outer iteration: a direct factor, or multigrid.
+// Solver for the constant matrix L of the outer iteration: a direct factor, or multigrid.
 #pragma once
 
 #include <Eigen/Sparse>

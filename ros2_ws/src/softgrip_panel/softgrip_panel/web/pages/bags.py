@@ -28,7 +28,7 @@ class _Listing:
         self._bags: tuple[BagView, ...] = ()
         self._free: int | None = None
 
-    def look(self) -> None:
+    def refresh(self) -> None:
         now_s = time.monotonic()
         if now_s - self._looked_s >= LOOK_S:
             self._looked_s = now_s
@@ -37,12 +37,12 @@ class _Listing:
 
     @property
     def bags(self) -> tuple[BagView, ...]:
-        self.look()
+        self.refresh()
         return self._bags
 
     @property
     def free(self) -> int | None:
-        self.look()
+        self.refresh()
         return self._free
 
 
@@ -98,7 +98,7 @@ def _job(page: Page, bag: BagView, kind: str, said: str) -> None:
     if page.person.role >= Role.OPERATE and said != page.t("bags.running"):
 
         def begin() -> None:
-            page.desk.note(page.person.name, kind, bag.name, success=True, message="begun")
+            page.desk.record_event(page.person.name, kind, bag.name, success=True, message="begun")
             background_tasks.create(page.site.jobs.run(bag.name, kind))
 
         page.button(f"bags.make_{kind}", begin, "small", name=f"{kind}-{bag.name}")

@@ -123,7 +123,7 @@ def _actions(page: Page) -> None:
 
         def hold() -> None:
             if product.value:
-                page.begin(acts.grasp(product.value, confirm_lift=bool(lift.value), trial=bool(trial.value)))
+                page.begin_act(acts.grasp(product.value, confirm_lift=bool(lift.value), trial=bool(trial.value)))
 
         with element("div", classes="row"):
             button = page.button("cell.hold", hold, "big", page.t("cell.hold_hint"))
@@ -141,7 +141,9 @@ def _actions(page: Page) -> None:
 def product_choice(page: Page) -> ChoiceField:
     """Return a choice among the products of the cell, which may be heard of later."""
     choice = ChoiceField(page.t("cell.hold_what"), {})
-    page.shown.keep(lambda: page.state.products, lambda products: choice.set_options({one: one for one in products}))
+    page.shown.follow_value(
+        lambda: page.state.products, lambda products: choice.set_options({one: one for one in products})
+    )
     return choice
 
 
@@ -151,7 +153,7 @@ def _emulated(page: Page, product: ChoiceField) -> None:
         text_element("h3", page.t("emulated.title"))
         text_element("p", page.t("emulated.note"), "note")
         with element("div", classes="row"):
-            place = page.button("emulated.place", lambda: page.begin(acts.place_object(product.value or "")))
+            place = page.button("emulated.place", lambda: page.begin_act(acts.place_object(product.value or "")))
             away = page.button("emulated.take_away", page.do(acts.place_object("")))
             for button in (place, away):
                 page.shown.enabled(button, lambda: page.may_act)
@@ -172,7 +174,7 @@ def _ask_reset(page: Page) -> None:
 
         def reset() -> None:
             dialog.close()
-            page.begin(acts.estop_reset())
+            page.begin_act(acts.estop_reset())
 
         page.button("reset.button", reset, "loud big", name="reset-confirm")
     dialog.open()

@@ -66,17 +66,17 @@ def _now(page: Page) -> None:
 
 
 def _confirm(page: Page) -> None:
-    """Say that angle and weight are set; on the emulated rig the emulated hands set them first."""
+    """Confirm that angle and weight are set; on the emulated rig the emulated hands set them first."""
     rig = page.state.rig
 
     def then(result: ActResult) -> None:
         if result.success:
-            page.begin(acts.confirm_rig())
+            page.begin_act(acts.confirm_rig())
 
     if page.state.is_emulated:
-        page.begin(acts.set_rig(rig.angle_rad, rig.load_kg), then)
+        page.begin_act(acts.set_rig(rig.angle_rad, rig.load_kg), then)
     else:
-        page.begin(acts.confirm_rig())
+        page.begin_act(acts.confirm_rig())
 
 
 def _start(page: Page) -> None:
@@ -95,7 +95,7 @@ def _start(page: Page) -> None:
             resume = ui.checkbox(page.t("friction.resume"), value=False)
 
         def begin() -> None:
-            page.begin(
+            page.begin_act(
                 acts.calibrate(
                     plan.value,
                     cable=str(cable.value or ""),
@@ -184,7 +184,7 @@ def _ask_activate(page: Page, model: str) -> None:
             if not str(reason.value or "").strip():
                 problem.set_text(page.t("friction.reason_missing"))
                 return
-            page.begin(acts.activate_friction(model, str(reason.value)))
+            page.begin_act(acts.activate_friction(model, str(reason.value)))
             dialog.close()
 
         page.button("friction.activate", activate, "loud big", name="activate-confirm")

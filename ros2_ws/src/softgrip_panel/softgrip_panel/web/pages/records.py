@@ -78,7 +78,7 @@ def _ask_retire(page: Page, record: FingerRecordView) -> None:
         page.commands(acts.retire_finger(record.serial, page.person.name, page.t("records.reason")))
 
         def retire() -> None:
-            page.begin(acts.retire_finger(record.serial, page.person.name, str(reason.value or "")))
+            page.begin_act(acts.retire_finger(record.serial, page.person.name, str(reason.value or "")))
             dialog.close()
 
         page.button("records.retire", retire, "loud big", name="retire-confirm")

@@ -127,7 +127,7 @@ def _state_text(page: Page, tendon: object) -> str:
 
 
 def _ask_transitions(page: Page, name: str, ways: dict[str, tuple[str, ...]]) -> None:
-    """Say what will happen, then make the driver's transitions one after the other; a refused one ends the way."""
+    """Show what will happen, then make the driver's transitions one after the other; a refused one ends the way."""
     left = list(ways.get(page.state.bench.phase, ()))
     with ui.dialog() as dialog, ui.card().classes("dialog"):
         text_element("h2", page.t(f"setup.{name}_title"))
@@ -136,7 +136,7 @@ def _ask_transitions(page: Page, name: str, ways: dict[str, tuple[str, ...]]) ->
 
         def go_on(result: ActResult | None = None) -> None:
             if left and (result is None or result.success):
-                page.begin(acts.set_driver(left.pop(0)), go_on)
+                page.begin_act(acts.set_driver(left.pop(0)), go_on)
 
         def confirmed() -> None:
             dialog.close()
@@ -240,7 +240,7 @@ def _weights(page: Page) -> None:
         problem = text_element("p", "", "problem", role="alert", id="weight-problem")
         with element("div", classes="row"):
             tendon = ChoiceField(page.t("setup.tendon"), {})
-            shown.keep(
+            shown.follow_value(
                 lambda: tuple(one.name for one in page.state.tensions),
                 lambda names: tendon.set_options({one: one for one in names}),
             )
@@ -254,13 +254,13 @@ def _weights(page: Page) -> None:
                     readings += [one.tension_n for one in page.state.tensions if one.name == tendon.value]
                     await asyncio.sleep(PERIOD_S)
                 try:
-                    point = check.take(tendon.value, float(mass.value or 0.0), readings)
+                    point = check.add_weight(tendon.value, float(mass.value or 0.0), readings)
                 except PanelError as error:
                     problem.set_text(str(error))
                     return
                 problem.set_text("")
                 said = f"{point.mass_kg:g} kg: {point.tension_n:.2f} N"
-                page.desk.note(page.person.name, "weigh", point.tendon, success=True, message=said)
+                page.desk.record_event(page.person.name, "weigh", point.tendon, success=True, message=said)
 
             page.button("setup.weigh", lambda: background_tasks.create(read()), "big", name="weigh")
             page.button("setup.clear", check.clear, name="weights-clear")

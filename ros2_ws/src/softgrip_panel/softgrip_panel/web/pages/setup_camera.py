@@ -76,14 +76,14 @@ def _acts(page: Page) -> None:
                 await asyncio.to_thread(lens.find_lens)
             else:
                 picture = page.site.picture
-                await asyncio.to_thread(lens.take, picture.jpeg if picture else b"")
+                await asyncio.to_thread(lens.add_view, picture.jpeg if picture else b"")
         except (PanelError, ValueError) as error:
             problem.set_text(str(error))
 
     def use() -> None:
         found = lens.fit.lens if lens.fit else None
         if found is not None:
-            page.begin(
+            page.begin_act(
                 acts.set_camera_info(
                     found.width,
                     found.height,

@@ -69,7 +69,7 @@ def parameters_card(page: Page) -> None:
                 _row(work, one, problem.set_text)
 
         page.shown.parts(body, look, write)
-        page.shown.keep(lambda: page.state.nodes, lambda names: node.set_options({one: one for one in names}))
+        page.shown.follow_value(lambda: page.state.nodes, lambda names: node.set_options({one: one for one in names}))
 
 
 def _row(work: _Parameters, one: ParameterView, say: Any) -> None:
@@ -106,7 +106,7 @@ def _ask(work: _Parameters, one: ParameterView, say: Any) -> None:
                 problem.set_text(str(error))
                 return
             dialog.close()
-            page.begin(acts.set_parameter(node, one.name, one.kind, typed), then)
+            page.begin_act(acts.set_parameter(node, one.name, one.kind, typed), then)
 
         page.button("setup.set", change, "loud big", name="set-confirm")
         page.commands(acts.set_parameter(node, one.name, one.kind, one.value))

@@ -90,16 +90,16 @@ def _confirmation(page: Page) -> None:
                 return
             act = acts.confirm_step(step, _view(page).token, given)
             if not page.state.is_emulated or step not in EMULATED_STEPS:
-                page.begin(act, answered)
+                page.begin_act(act, answered)
                 return
 
             def then(result: ActResult) -> None:
                 if result.success:
-                    page.begin(act, answered)
+                    page.begin_act(act, answered)
                 else:
                     problem.set_text(result.message)
 
-            page.begin(_emulated_hands(page, given), then)
+            page.begin_act(_emulated_hands(page, given), then)
 
         def scanned() -> None:
             """Take Enter, with which a scanner ends each code: go on once every slot has its serial."""
@@ -148,7 +148,7 @@ def _start(page: Page) -> None:
             for finger_set in SETS:
 
                 def begin(finger_set: str = finger_set) -> None:
-                    page.begin(acts.swap(finger_set, str(requested.value or "").replace(",", " ").split()))
+                    page.begin_act(acts.swap(finger_set, str(requested.value or "").replace(",", " ").split()))
 
                 button = page.button("swap.to", begin, "big", name=f"swap-{finger_set}", finger_set=finger_set)
                 page.shown.enabled(button, lambda: page.may_act and not _view(page).is_open)
