@@ -56,8 +56,8 @@ class IdentifiedMotor:
         shaft, model = self._shaft, self._model
         model.R.value = self._cool_ohm * (1.0 + COPPER_PER_K * (shaft.winding_c - IDENTIFIED_C))
         is_on = drive.current_limit_a > 0.0 and drive.duty != 0.0
-        min_duty, max_duty = (self._duty_at(sign * drive.current_limit_a, supply_v) for sign in (-1.0, 1.0))
-        duty = min(max(drive.duty, min_duty), max_duty) if is_on else 0.0
+        lowest, highest = (self._duty_at(sign * drive.current_limit_a, supply_v) for sign in (-1.0, 1.0))
+        duty = min(max(drive.duty, lowest), highest) if is_on else 0.0
         self._pull_n = tension_n
         self._simulator.q, self._simulator.dq = shaft.angle_rad, shaft.velocity_rad_s
         shaft.current_a = (duty * supply_v - model.kt.value * shaft.velocity_rad_s) / model.R.value if is_on else 0.0
