@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 
 import matplotlib as mpl
-from PIL import Image
+from PIL import Image, ImageOps
 
 mpl.use("Agg")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "pages"))
@@ -18,7 +18,10 @@ import blocks
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Tutorial -> picture that it makes -> its name in docs/images.
-PICTURES = {"close-a-finger": {"closing.png": "tutorial_closing.png"}}
+PICTURES = {
+    "close-a-finger": {"closing.png": "tutorial_closing.png"},
+    "simulate-a-shape": {"shapes/rest.png": "tutorial_beam.png"},
+}
 
 
 def main() -> int:
@@ -29,7 +32,9 @@ def main() -> int:
             blocks.Reader(Path(folder)).run(ROOT / f"docs/tutorials/{tutorial}.md")
             for made, name in pictures.items():
                 path = ROOT / "docs/images" / name
-                Image.open(Path(folder) / made).convert("RGB").quantize(64).save(path, optimize=True)
+                picture = Image.open(Path(folder) / made).convert("RGB")
+                drawn = ImageOps.invert(picture).getbbox()  # without the white around it
+                picture.crop(drawn).quantize(64).save(path, optimize=True)
                 print(path.relative_to(ROOT))
     return 0
 
