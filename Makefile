@@ -107,11 +107,8 @@ format: setup  ## format Python and C++
 	$(BIN)/ruff format .
 	$(BIN)/clang-format -i $(CPP)
 
-tidy: setup  ## list what clang-tidy finds in the C++ cores; some minutes
-	for package in $(CORES); do \
-	  $(WITH_VENV) cmake -S $(SRC)/$$package -B $(OUT)/tidy/$$package -G Ninja -DSOFTGRIP_TESTS_ONLY=ON -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON >/dev/null && \
-	  $(BIN)/run-clang-tidy.py -quiet -p $(OUT)/tidy/$$package -clang-tidy-binary $(BIN)/clang-tidy; \
-	done
+tidy: setup  ## clang-tidy on what changed in the C++ cores since it passed; the first time some minutes
+	@$(WITH_VENV) python tools/tidy.py
 
 clean:  ## remove what was built
 	rm -rf out build docs/reference/generated $(SRC)/*/build .mypy_cache .ruff_cache

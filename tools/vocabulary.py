@@ -48,6 +48,7 @@ FORBIDDEN = {
     "patience": "timeout",
     "praise": "summary",
     "remember": "persist",
+    "shake": "dynamic_load_factor",
     "told": "sent, commanded, reported",
     "untold": "pending",
     "wall": "end_stop",

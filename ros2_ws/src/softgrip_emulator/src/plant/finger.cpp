@@ -16,6 +16,7 @@ constexpr double kLargestTurn_rad = 0.05;
 
 std::vector<Strip> strips_of(const FingerMake& make) {
   std::vector<Strip> strips;
+  strips.reserve(make.strips.size());
   for (const StripMake& strip : make.strips) strips.emplace_back(strip);
   return strips;
 }

@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kGravity_m_s2 = 9.81;
 // The arm accelerates: the product weighs this much more than at rest.
-constexpr double kShake = 1.15;
+constexpr double kDynamicLoadFactor = 1.15;
 constexpr double kPadStiffness_n_per_m = 6000.0;
 constexpr double kCrushedSoftness = 0.15;
 constexpr double kDamping_ns_per_m = 1.5;
@@ -240,7 +240,7 @@ void Grasp::move_product(double stiffness, double dt_s) {
   }
   Eigen::Vector2d change_m(force_n.x() / matrix(0, 0), 0.0);  // the table carries it; it slides along
   if (lifted_) {
-    force_n.y() += product_->mass_kg * kGravity_m_s2 * kShake;
+    force_n.y() += product_->mass_kg * kGravity_m_s2 * kDynamicLoadFactor;
     change_m = matrix.partialPivLu().solve(force_n);
   }
   change_m = (kRelaxation * change_m).cwiseMax(-kLargestMove_m).cwiseMin(kLargestMove_m);
