@@ -219,7 +219,9 @@ RUSTYPOT_TABLES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "firmware", "same", "beyond"), RUSTYPOT_TABLES, ids=[row[0] for row in RUSTYPOT_TABLES])
+@pytest.mark.parametrize(
+    ("name", "firmware", "same", "beyond"), RUSTYPOT_TABLES, ids=[row[0] for row in RUSTYPOT_TABLES]
+)
 def test_rustypot_s_table_is_the_emulated_one(name, firmware, same, beyond):
     """Model number, and every register's address and size; the block of indirect data, too."""
     model = load_model(name) if firmware is None else load_model(name, firmware)
