@@ -24,6 +24,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from checks import Checks
+
 from softgrip_driver.errors import DeviceRefusedError, DriverError, NotReadyError
 from softgrip_driver.rig.grbl import BAUD, GrblStage, StageStart
 from softgrip_driver.rig.line_port import LinePort
@@ -95,20 +97,6 @@ class Core:
         """Open it with the driver; return the stage and what it says of itself."""
         stage = GrblStage(LinePort(self.start(), BAUD, REPLY_S), BOOT_S, start)
         return stage, stage.open()
-
-
-class Checks:
-    """Counts what holds."""
-
-    def __init__(self) -> None:
-        self.done = 0
-        self.failed: list[str] = []
-
-    def __call__(self, name: str, *, holds: bool, found: object = "") -> None:
-        """Count a check."""
-        self.done += 1
-        if not holds:
-            self.failed.append(f"{name}: found {found}")
 
 
 def settled(stage: GrblStage, target_m: float) -> float:
@@ -246,10 +234,8 @@ def main() -> int:
             ended = f"; ended early by {error}"
         finally:
             core.stop()
-    print(f"{options.kind}: {check.done - len(check.failed)} of {check.done} checks hold{ended}")
-    for text in check.failed:
-        print(f"  {text}")
-    return 0 if not check.failed and not ended else 1
+    failed = check.report(options.kind, ended)
+    return 1 if ended else failed
 
 
 if __name__ == "__main__":

@@ -16,6 +16,8 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from checks import Checks
+
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration, required_eeprom
 from softgrip_driver.dynamixel.bus import Bus
@@ -36,20 +38,6 @@ REPLY_S, SILENT_S, MOVE_S = 0.1, 0.3, 60.0
 TENSION_N, LENGTH_M = 10.0, 0.004
 #: [m] of a zero, [m] of a length, [N] beside a tension that is asked for: docs/driver.md
 ZERO_M, NEAR_M, NEAR_N = 1e-3, 3e-4, 2.5
-
-
-class Checks:
-    """Counts what holds."""
-
-    def __init__(self) -> None:
-        self.done = 0
-        self.failed: list[str] = []
-
-    def __call__(self, name: str, *, holds: bool, found: object = "") -> None:
-        """Count a check."""
-        self.done += 1
-        if not holds:
-            self.failed.append(f"{name}: found {found}")
 
 
 class Hand:
@@ -165,13 +153,10 @@ def main() -> int:
         said, seen = checked(options.program.resolve(), check)
         totals = [a + b for a, b in zip(totals, seen, strict=True)]
         print(said, flush=True)
-    print(
-        f"{options.rounds} power-ons: {check.done - len(check.failed)} of {check.done} checks hold; {totals[0]} "
-        f"transactions, {totals[1]} lost, {totals[2]} corrupt; {time.monotonic() - began:.0f} s"
+    return check.report(
+        f"{options.rounds} power-ons",
+        f"; {totals[0]} transactions, {totals[1]} lost, {totals[2]} corrupt; {time.monotonic() - began:.0f} s",
     )
-    for text in check.failed:
-        print(f"  {text}")
-    return 0 if not check.failed else 1
 
 
 if __name__ == "__main__":

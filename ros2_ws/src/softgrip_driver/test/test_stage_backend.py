@@ -98,7 +98,7 @@ def test_a_gauge_that_stays_silent_is_a_fault_by_the_third_time(rig: Rig) -> Non
 
 
 @pytest.mark.parametrize("powered", [True, False])
-def test_a_gauge_that_began_anew_is_a_fault_whether_the_tendon_is_held_or_not(rig: Rig, powered: bool) -> None:
+def test_a_gauge_that_restarted_is_a_fault_whether_the_tendon_is_held_or_not(rig: Rig, powered: bool) -> None:
     rig.backend.power("pull", powered)
     rig.gauge.shows = GaugeRestartedError("a banner")
     assert ("start", 0.005) not in rig.tell(0.005)

@@ -199,7 +199,12 @@ def test_it_hears_a_thermometer_and_names_one_in_another_unit(cell: Cell) -> Non
     def says(celsius: float) -> Callable[[], None]:
         message = Temperature(temperature=celsius)
         message.header.stamp = to_time_message(cell.stamp)
-        return lambda: cell.thermometer.publish(message)
+
+        def say() -> None:
+            cell.thermometer.publish(message)
+            cell.tendons(0.010)  # a temperature holds from a later sample on
+
+        return say
 
     cell.until(lambda: cell.health.get("room") == (0, "23.4 degC"), "a temperature", says(23.4))
     cell.until(lambda: "found 296.5" in cell.health["room"][1], "kelvin refused", says(296.5))

@@ -22,6 +22,7 @@ from softgrip_model.finger import FingerError, JointModel
 from softgrip_model.finger.diagnosis import WATCH, WatchSettings
 from softgrip_model.finger.matching import MAX_GAP_NS, SPAN_NS
 from softgrip_model.finger.predictor import ActiveFriction
+from softgrip_model.finger.room_temperature import RoomTemperature
 from softgrip_model.finger.session import Residual, Session
 from softgrip_model.finger.uncertainty import PRIOR, Uncertainty
 from softgrip_model.finger.wear import WearSettings, WearVerdict
@@ -229,8 +230,12 @@ class KinematicsPredictor(CellNode):
         except FingerError as error:
             self._report("room", Health.WARN, str(error))
             return
-        self._inputs.latch("cell/temperature", message, lambda: self._session.set_room(room))
-        self._report("room", Health.OK, f"{room.celsius:.1f} degC")
+        self._inputs.latch("cell/temperature", message, lambda: self._use_room(room))
+
+    def _use_room(self, room: RoomTemperature) -> None:
+        self._session.set_room(room)
+        now = self._session.in_use.room
+        self._report("room", Health.OK, f"{now.celsius:.1f} degC" if now else "no thermometer")
 
     def _on_predict(self, request: PredictFinger.Request, response: PredictFinger.Response) -> PredictFinger.Response:
         try:
