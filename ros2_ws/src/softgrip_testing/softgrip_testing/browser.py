@@ -107,19 +107,27 @@ class PanelBrowser:
         return str(self.script("const e = document.querySelector(arguments[0]); return e ? e.innerText : '';", css))
 
     def press(self, name: str) -> None:
-        """Press the button of a name, once it can be pressed."""
+        """Press the button of a name, once it can be pressed and rests: one in a dialog that still grows is missed."""
         from selenium.common import exceptions  # noqa: PLC0415
 
         css = f"[data-name='{name}']"
-        state = "const e = document.querySelector(arguments[0]); return !!e && !e.disabled && e.offsetParent !== null;"
+        state = (
+            "const e = document.querySelector(arguments[0]);"
+            "if (!e || e.disabled || e.offsetParent === null) return null;"
+            "e.scrollIntoView({block: 'center'});"
+            "const r = e.getBoundingClientRect(); return [r.x, r.y, r.width, r.height];"
+        )
+        last: list[Any] = [None]
+
+        def rests() -> bool:
+            before, last[0] = last[0], self.script(state, css)
+            return last[0] is not None and last[0] == before
 
         def pressed() -> bool:
-            if not self.script(state, css):
+            if not rests():
                 return False
-            button = self.driver.find_element("css selector", css)
-            self.script("arguments[0].scrollIntoView({block: 'center'});", button)
             try:
-                button.click()
+                self.driver.find_element("css selector", css).click()
             except (exceptions.ElementClickInterceptedException, exceptions.ElementNotInteractableException):
                 return False  # it is being drawn, or a notice lies over it
             return True
@@ -146,7 +154,9 @@ class PanelBrowser:
             except StaleElementReferenceException:
                 pass  # the page has just been drawn again
             if time.monotonic() > deadline_s:
-                raise AssertionError(f"expected {expected} within {timeout_s:g} s, found:\n{self.text()[:3000]}")
+                raise AssertionError(
+                    f"expected {expected} within {timeout_s:g} s, found:\n{self.text('.dialog')}\n{self.text()[:3000]}"
+                )
             time.sleep(_POLL_S)
 
     def wait_for_text(self, css: str, part: str) -> None:
