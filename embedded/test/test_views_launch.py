@@ -40,6 +40,16 @@ def test_rviz_stands_in_a_frame_of_its_cell(given: dict[str, str], frame: str) -
     assert Path(after("-d", rviz.command)).name == "hand.rviz"
 
 
+@pytest.mark.parametrize(("given", "expected"), [({}, False), ({"use_sim_time": "true"}, True)])
+def test_ros2_control_counts_the_time_of_its_cell(given: dict[str, str], expected: bool) -> None:
+    """By another clock a controller takes the hand of a slow emulated cell for a stalled one."""
+    manager, _ = processes("ros2_control.launch.yaml", cell="left", **given)
+    assert "/clock:=clock" in manager.command
+    arguments: Any = parse(manager.command[manager.command.index("--ros-args") :])
+    value, _ = arguments.parameters_of("/left/controller_manager")["use_sim_time"]
+    assert value is expected
+
+
 @pytest.mark.parametrize(("given", "namespace"), [({}, ""), ({"cell": "left"}, "/left")])
 def test_ros2_control_runs_in_the_namespace_of_its_cell(given: dict[str, str], namespace: str) -> None:
     manager, spawner = processes("ros2_control.launch.yaml", **given)
