@@ -13,7 +13,7 @@ STREAM_PARAMETERS = (
     Parameter("stream_line", "grams", f"its lines: {', '.join(FORMATS)} or a pattern with a group (?P<value>...)"),
     Parameter("stream_request", "", r"what asks it for a line, such as SI\r\n; empty = the format's own"),
     Parameter(
-        "counts_per_newton", 1.0, "of lines without a unit; its sign is that of pulling, with a unit, too", "1/N"
+        "counts_per_newton", 1.0, "of lines without a unit, not 0; its sign is that of pulling, with a unit, too", "1/N"
     ),
     Parameter("gauge_calibration", "", "file of calibrate_cell, in place of counts_per_newton; empty = none"),
 )
