@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The right to command the tendons, and the lock around hands, as their owner keeps them: a driver that answers by hand."""
+"""The right to command the tendons and the lock around hands, as their owner keeps them; the driver answers by hand."""
 
 from __future__ import annotations
 
