@@ -120,6 +120,7 @@ def test_a_second_manager_on_the_same_cell_is_refused(cell: Any) -> None:
         ("database_url:=oracle://x", "expected sqlite or postgresql"),
         ("lift_window_s:=-1.0", "lift_window_s"),
         ("thumb:=toe", "expected different names with 'toe'"),
+        ("slots:=[index,index,thumb]", "expected different names with 'thumb'"),
     ],
 )
 def test_a_manager_that_cannot_start_says_why(cell: Any, parameter: str, expected: str) -> None:
