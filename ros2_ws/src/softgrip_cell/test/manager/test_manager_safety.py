@@ -292,12 +292,14 @@ def test_a_check_whose_driver_falls_silent_fails(cell: Any) -> None:
 
 
 def test_a_manager_that_ends_gives_the_tendons_back(cell: Any) -> None:
-    ready(cell)
+    ready(cell, "lease_s:=10.0")
     held(cell)
     assert cell.driver.guard.lease_owner == "grasp_mix_manager"
+    ended_s = time.monotonic()
     cell.stop()
     assert cell.code == 0
-    cell.until(lambda: cell.driver.guard.lease_owner == "", 1.0, "the tendons, long before the lease would end")
+    # Ten seconds after its last heartbeat the lease would end by itself.
+    cell.until(lambda: cell.driver.guard.lease_owner == "", 8.0 - (time.monotonic() - ended_s), "the tendons")
 
 
 def test_a_manager_that_comes_back_keeps_alive_what_is_held(cell: Any) -> None:
