@@ -152,6 +152,13 @@ def test_room_in_the_queue_comes_back_when_it_was_written(tmp_path: Path) -> Non
     assert pipeline.peak_bytes == len(HI)
 
 
+def test_what_was_put_is_on_the_disk_soon_without_anybodys_doing(tmp_path: Path) -> None:
+    pipeline = Pipeline(bag_writer(tmp_path / "bag"), 1_000_000)
+    pipeline.put("/a", 7, 7, HI)
+    wait_until(lambda: [m.received for m in read(tmp_path / "bag")] == [7], "the message in the unfinished file")
+    pipeline.close()
+
+
 def test_a_bag_is_split_by_time_and_keeps_its_last_files(tmp_path: Path) -> None:
     bag = bag_writer(tmp_path / "bag", FileLimits(file_seconds=1e-6, kept_files=3))
     for index in range(10):

@@ -102,6 +102,14 @@ def test_an_existing_folder_is_not_overwritten(bag: Path) -> None:
         BagWriter(bag)
 
 
+def test_a_folder_that_is_there_is_no_place_for_a_new_bag(tmp_path: Path) -> None:
+    """Also where no file of it has the name of one of the bag's."""
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(BagError, match="exists"):
+        BagWriter(tmp_path / "mine")
+    assert list((tmp_path / "mine").iterdir()) == []
+
+
 def test_a_missing_bag_and_a_file_that_is_no_mcap_are_named(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="found none"):
         list(read(tmp_path / "nothing"))

@@ -186,7 +186,7 @@ def test_a_process_that_stood_still_stops_the_stand_for_a_stop_may_be_lost(
     suspended_s = 3600.0
     wait_until(lambda: bool(bench.stops))
     assert safety.refusal
-    wait_until(lambda: SafetyStore(file).load().is_stopped, "a stop on the disk")
+    wait_until(lambda: SafetyStore(file).load().is_stopped, "a stop on the disk", timeout_s=20.0)
 
 
 def test_its_stop_is_not_served_any_more_once_it_is_closed(bench: Bench, tmp_path: Path) -> None:

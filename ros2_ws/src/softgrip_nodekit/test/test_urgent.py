@@ -299,3 +299,19 @@ def test_it_can_be_closed_by_what_it_calls(make: Make, call: Callable[..., Any])
     assert client.wait_for_service(timeout_sec=TEST_TIMEOUT_S)
     client.call_async(Trigger.Request())  # nobody is left who would answer
     wait_until(lambda: closed == ["without an error"])
+
+
+def test_whoever_closes_it_waits_until_its_thread_has_ended(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The drives are closed next: nothing may answer a stop beside that."""
+    spin = SingleThreadedExecutor.spin
+
+    def end_slowly(executor: SingleThreadedExecutor) -> None:
+        try:
+            spin(executor)
+        finally:
+            time.sleep(0.3)
+
+    monkeypatch.setattr(SingleThreadedExecutor, "spin", end_slowly)
+    _, server = make()
+    server.close()
+    assert "driver_urgent" not in [thread.name for thread in threading.enumerate()]
