@@ -76,6 +76,7 @@ def test_the_last_type_is_known_and_the_next_is_not(make_node: MakeNode, kind: A
     answer = ask(node, kind, "names", ParameterValue(type=number, string_array_value=["b"]))
     result = answer.results[0] if kind is SetParameters else answer.result
     assert result.successful is known
+    assert ("expected a type 0 .. 9, found 10" in result.reason) is not known
     assert node.get_parameter("names").value == (["b"] if known else ["a"])
 
 
