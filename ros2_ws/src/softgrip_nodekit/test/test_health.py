@@ -172,16 +172,16 @@ def test_a_monitor_that_stood_still_blames_nobody(
     watched("manager", "/cell")
     reported: list[tuple[str, str]] = []
     stood_s = 0.0
-    looks: list[float] = []
+    read_at: list[float] = []
 
     def now_s() -> float:
-        looks.append(stood_s)
+        read_at.append(stood_s)
         return time.monotonic() + stood_s
 
     watching = monitor(reported, limit=30.0, now_s=now_s)
     wait_until(lambda: bool(watching._watch._answered))
     stood_s = 3600.0
-    wait_until(lambda: looks.count(stood_s) > 20)
+    wait_until(lambda: read_at.count(stood_s) > 20)
     assert reported == []
 
 
@@ -190,11 +190,11 @@ def test_a_node_that_stands_still_is_asked_once_in_its_time(
 ) -> None:
     manager = watched("manager", "/cell")
     reported: list[tuple[str, str]] = []
-    looks: list[float] = []
+    read_at: list[float] = []
 
     def now_s() -> float:
-        looks.append(time.monotonic())
-        return looks[-1]
+        read_at.append(time.monotonic())
+        return read_at[-1]
 
     watching = monitor(reported, limit=60.0, now_s=now_s)
     wait_until(lambda: bool(watching._watch._answered))
@@ -203,8 +203,8 @@ def test_a_node_that_stands_still_is_asked_once_in_its_time(
     ask = client.call_async
     manager.go_on.clear()
     client.call_async = lambda request: (asked.append(request), ask(request))[1]
-    seen = len(looks)
-    wait_until(lambda: len(looks) > seen + 50)
+    seen = len(read_at)
+    wait_until(lambda: len(read_at) > seen + 50)
     manager.go_on.set()
     assert len(asked) <= 2, "what was asked before it stood still, and once more"
 

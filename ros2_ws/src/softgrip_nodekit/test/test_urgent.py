@@ -258,11 +258,11 @@ def test_its_node_has_the_enclave_of_the_other_one_and_not_of_a_third(
     arguments: list[list[str]] = []
     init = rclpy.init
 
-    def remember(args: list[str], **options: Any) -> None:
+    def record_init(args: list[str], **options: Any) -> None:
         arguments.append(args)
         init(args=[], **options)
 
-    monkeypatch.setattr(rclpy, "init", remember)
+    monkeypatch.setattr(rclpy, "init", record_init)
     known = [("driver", "/", "/others"), ("driver", "/cell", "/cell/driver"), ("camera", "/cell", "/cell/camera")]
     monkeypatch.setattr(node, "get_node_names_and_namespaces_with_enclaves", lambda: known)
     IsolatedNode(node, "second", lambda _error: None).close()
