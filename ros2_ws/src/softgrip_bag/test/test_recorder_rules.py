@@ -133,6 +133,18 @@ def test_what_was_said_once_before_the_start_is_in_the_bag(desk: Callable[..., D
     assert [m.data for m in read(bag, {"/mode"})] == [serialize_message(String(data="power"))]
 
 
+def test_what_was_sent_before_the_stop_is_in_the_bag_though_the_stop_is_heard_first(desk: Callable[..., Desk]) -> None:
+    """Between two requests an executor takes one message of a topic: hundreds wait when the stop is asked for."""
+    one = desk()
+    publisher = one.publish_heard("count", 1000)
+    bag = one.start()
+    for number in range(300):
+        publisher.publish(String(data=str(number)))
+    stopped = one.stop()
+    assert stopped.success
+    assert [m.data for m in read(bag, {"/count"})] == [serialize_message(String(data=str(n))) for n in range(300)]
+
+
 def test_what_was_deleted_with_the_oldest_files_is_not_counted_as_in_the_bag(desk: Callable[..., Desk]) -> None:
     one = desk()
     one.recorder._limits = FileLimits(kept_files=1)
