@@ -237,7 +237,10 @@ def test_whoever_disconnects_stops_first_waits_for_the_end_and_lets_nothing_begi
     rig.script = run
     result = rig.begin()
     wait_until(lambda: asks(rig))
+    session = rig.node._session
+    assert session is not None
     rig.node.disconnect()
+    assert session.ended.is_set(), "else each end of the process waits for two seconds"
     assert rig.done == ["measured", "stage stands", "closed"]
     assert result().outcome == Result.CANCELLED
     assert rig.calibrate().outcome == Result.FAILED

@@ -245,6 +245,22 @@ def test_a_running_grasp_is_not_handed_over_but_its_end_is(cell: Any) -> None:
     cell.until(lambda: cell.driver.guard.lease_owner == "", 5.0, "the hand-over")
 
 
+def test_a_running_grasp_keeps_its_tendons_while_somebody_asks_for_them(cell: Any) -> None:
+    ready(cell, "lift_window_s:=30.0")
+    cell.driver.bench.contact_m = TOUCHED
+    client = ActionClient(cell.node, Grasp, "cell/grasp")
+    cell.until(client.server_is_ready, 10.0, "cell/grasp")
+    moved = cell.driver.moved
+    handle = cell.wait(client.send_goal_async(Grasp.Goal(product="orange", confirm_lift=True)), 5.0, "a goal handle")
+    cell.until(lambda: cell.driver.moved > moved, 10.0, "an order of the grasp")
+    cell.driver.guard.ask_for_hand_over("Ada at the panel")
+    beats = cell.driver.guard.heartbeats
+    cell.until(lambda: cell.driver.guard.heartbeats > beats + 8, 10.0, "heartbeats: each is a look of the manager")
+    assert cell.driver.guard.lease_owner == "grasp_mix_manager"
+    cell.wait(handle.cancel_goal_async(), 5.0, "the cancel to be taken")
+    cell.until(lambda: cell.driver.guard.lease_owner == "", 10.0, "the hand-over after its end")
+
+
 def test_a_grasp_that_loses_the_tendons_ends_and_names_who_has_them(cell: Any) -> None:
     ready(cell, "lift_window_s:=20.0")
     result = grasped(cell, lambda: cell.driver.guard.take_lease("Ada at the panel"))
