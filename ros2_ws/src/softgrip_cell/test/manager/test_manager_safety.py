@@ -358,6 +358,14 @@ def test_nothing_is_grasped_while_the_driver_is_silent(cell: Any, what: str, top
     assert "the fingers hold where they are" in lost.reason
 
 
+def test_a_grasp_whose_predictor_dies_ends_though_the_driver_goes_on(cell: Any) -> None:
+    """Contact is felt as the difference to a prediction: without one nobody knows how hard a product is pressed."""
+    ready(cell, "lift_window_s:=20.0")
+    lost = grasped(cell, lambda: setattr(cell.driver, "predicts", False))
+    assert GRASP_OUTCOMES[lost.outcome] == "ABORTED"
+    assert "finger/predicted" in lost.reason
+
+
 def no_number(message: JointState) -> None:
     message.effort[1] = math.nan
 
