@@ -222,6 +222,8 @@ def test_a_client_that_cancels_ends_it(rig: Rig) -> None:
     goal.is_cancel_requested = True
     rig.node._on_cancel(None)
     assert (result().outcome, goal.ended) == (Result.CANCELLED, "canceled")
+    assert rig.node._session is None
+    assert not rig.node.progress._progress.running, "who comes later sees a rig that measures"
 
 
 def test_whoever_disconnects_stops_first_waits_for_the_end_and_lets_nothing_begin_again(rig: Rig) -> None:
