@@ -83,6 +83,7 @@ class Rig:
         self.bench = GivenBench(self.done)
         self.node._bench = self.bench  # type: ignore[assignment]
         self.node._active = True
+        self.node._safety.close()
         self.node._safety = SimpleNamespace(refusal="", close=lambda: None)  # type: ignore[assignment]
         self.script: Callable[[Any, Any], Any] = lambda *_: self.outcome(ModelVerdict.USABLE)
 
