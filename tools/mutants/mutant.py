@@ -13,7 +13,13 @@ from pathlib import Path
 _AREA_KEYS = {"area", "file", "tests", "suite", "pending", "mutant"}
 _MUTANT_KEYS = {"id", "file", "old", "new", "tests", "suite", "why", "equivalent"}
 #: tests that run by the machine's clock: nothing runs beside them, and a failure has to repeat
-REAL_TIME = ("tests/system", "tests/faults", "ros2_ws/src/softgrip_driver/test/real_time")
+REAL_TIME = (
+    "tests/system",
+    "tests/faults",
+    "ros2_ws/src/softgrip_driver/test/real_time",
+    "ros2_ws/src/softgrip_cell/test/manager",
+    "ros2_ws/src/softgrip_bag/test/test_recorder_process.py",
+)
 
 
 class ListError(Exception):

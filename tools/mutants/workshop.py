@@ -31,6 +31,8 @@ for finder in sys.meta_path:
             name: [moved(path) for path in paths] for name, paths in finder.submodule_search_locations.items()
         }}
 """
+#: pytest that ends when its tests have: a thread that a failed test left behind would keep the process for ever
+_PYTEST = "import os, sys, pytest; code = pytest.main(sys.argv[1:]); sys.stdout.flush(); os._exit(code)"
 #: pytest: all passed, some failed
 PASSED, FAILED = 0, 1
 
@@ -100,7 +102,7 @@ class Workshop:
     def run_tests(self, tests: Sequence[str], time_limit_s: float) -> TestRun:
         """Run tests of the copy until the first failure, or until ``time_limit_s`` [s] have passed."""
         command = [
-            sys.executable, "-m", "pytest", "-q", "-x", "-rf", "--no-header", "--tb=line", "-p", "no:xdist", *tests,
+            sys.executable, "-c", _PYTEST, "-q", "-x", "-rf", "--no-header", "--tb=line", "-p", "no:xdist", *tests,
         ]  # fmt: skip
         began = time.monotonic()
         with subprocess.Popen(

@@ -18,6 +18,7 @@ from softgrip_bag.reader import RawMessage, bag_files, facts, read
 from softgrip_bag.repair import is_broken, repair
 from softgrip_bag.snapshot import Ring
 from softgrip_bag.writer import BagWriter, FileLimits, Topic
+from softgrip_testing.waiting import wait_until
 
 HI = bytes.fromhex("00010000 03000000 686900")
 HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
@@ -94,6 +95,68 @@ def test_a_real_full_device_is_an_error_and_not_an_accident(tmp_path: Path, monk
     monkeypatch.setattr("softgrip_bag.mcap_file.os.open", open_full)
     with pytest.raises(BagError, match="No space left"):
         BagWriter(tmp_path / "bag")
+
+
+def test_a_bag_that_has_less_than_it_was_given_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = bag_writer(tmp_path / "bag")
+    write = bag.write
+    monkeypatch.setattr(bag, "write", lambda *message: None if message[1] == 2 else write(*message))
+    pipeline = Pipeline(bag, 1_000_000)
+    for received in (1, 2, 3):
+        assert pipeline.put("/a", received, received, HI)
+    pipeline.close()
+    assert isinstance(pipeline.error, BagError)
+    assert "expected 3 messages in the bag, found 2" in str(pipeline.error)
+    assert (pipeline.accepted, pipeline.dropped) == (2, {"/a": 1})
+
+
+def test_what_waits_when_the_reserve_is_reached_is_dropped_and_whoever_waits_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room = [10_000_000]
+    monkeypatch.setattr("softgrip_bag.pipeline.free_bytes", lambda _: room[0])
+    monkeypatch.setattr("softgrip_bag.pipeline.CHUNK_BYTES", len(HI))
+    pipeline = Pipeline(bag_writer(tmp_path / "bag"), 1_000_000, reserve_bytes=5_000_000)
+    held, release = threading.Event(), threading.Event()
+
+    def hold(_: BagWriter) -> None:
+        held.set()
+        release.wait(30.0)
+
+    pipeline.put("/a", 1, 1, HI)
+    pipeline.call(hold)
+    assert held.wait(30.0)
+    for received in (2, 3, 4):
+        assert pipeline.put("/a", received, received, HI)
+    waited = pipeline.call(BagWriter.split)
+    room[0] = 4_999_999
+    release.set()
+    with pytest.raises(BagError, match="reserve_mb"):
+        waited.result(30.0)
+    assert not pipeline.put("/a", 5, 5, HI)
+    bag = pipeline.close()
+    assert not is_broken(bag)
+    kept = [m.received for m in read(bag)]
+    assert kept == [1, 2], "finished at the first look that found too little"
+    assert (pipeline.accepted, pipeline.dropped) == (2, {"/a": 3})
+    assert "reserve_mb" in str(pipeline.error)
+
+
+def test_room_in_the_queue_comes_back_when_it_was_written(tmp_path: Path) -> None:
+    pipeline = Pipeline(bag_writer(tmp_path / "bag"), len(HI))
+    for received in range(20):
+        wait_until(lambda: pipeline.waiting_bytes == 0)
+        assert pipeline.put("/a", received, received, HI)
+    bag = pipeline.close()
+    assert [m.received for m in read(bag)] == list(range(20))
+    assert pipeline.peak_bytes == len(HI)
+
+
+def test_what_was_put_is_on_the_disk_soon_without_anybodys_doing(tmp_path: Path) -> None:
+    pipeline = Pipeline(bag_writer(tmp_path / "bag"), 1_000_000)
+    pipeline.put("/a", 7, 7, HI)
+    wait_until(lambda: [m.received for m in read(tmp_path / "bag")] == [7], "the message in the unfinished file")
+    pipeline.close()
 
 
 def test_a_bag_is_split_by_time_and_keeps_its_last_files(tmp_path: Path) -> None:

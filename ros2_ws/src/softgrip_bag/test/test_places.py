@@ -3,8 +3,12 @@
 
 from __future__ import annotations
 
+import grp
 import os
+import pwd
+import tracemalloc
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -89,7 +93,14 @@ def link_to_a_circle(root: Path, path: Path) -> None:
     path.symlink_to(root.parent / "circle")
 
 
+def link_that_an_unknown_group_may_have_made(root: Path, path: Path) -> None:
+    path.symlink_to(root.parent / "secret.yaml")
+    os.chown(root, -1, 54321)  # in no /etc/group
+    root.chmod(0o775)
+
+
 LINKS = {
+    "link that an unknown group may have made": link_that_an_unknown_group_may_have_made,
     "link that anybody may have made": link_that_anybody_may_have_made,
     "link of a stranger": link_of_a_stranger,
     "link through a folder of anybody": link_through_a_folder_of_anybody,
@@ -123,7 +134,7 @@ def refused(root: Path, name: str) -> Path:
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize("name", [*LINKS, "pipe", "folder", "large", "outside", "dots", "zero byte", "device"])
 def test_what_is_no_small_plain_file_below_a_root_is_refused_at_once(root: Path, name: str) -> None:
-    if name in {"link of a stranger", "link that a group may have made"} and os.geteuid() != 0:
+    if ("stranger" in name or "group" in name) and os.geteuid() != 0:
         pytest.skip("only root can give something away")
     roots = [root, Path("/dev")] if name == "device" else [root]
     with pytest.raises(BagError, match="expected"):
@@ -146,6 +157,44 @@ def test_a_file_that_becomes_a_link_between_the_look_and_the_read_is_not_followe
     monkeypatch.setattr(os.path, "realpath", look_then_swap)
     with pytest.raises(OSError, match="symbolic links"):
         read_below([root], path)
+
+
+@pytest.mark.parametrize(
+    ("name", "members", "followed"),
+    [("ada", [], True), ("ada", ["ada"], True), ("ada", ["eve"], False), ("lab", [], False)],
+)
+def test_the_group_that_a_user_has_alone_is_no_other(
+    root: Path, monkeypatch: pytest.MonkeyPatch, name: str, members: list[str], followed: bool
+) -> None:
+    """As useradd makes it on Debian and Ubuntu (USERGROUPS_ENAB in login.defs(5))."""
+    if os.geteuid() != 0:
+        pytest.skip("only root can give something away")
+    path = root / "link.yaml"
+    path.symlink_to(root.parent / "secret.yaml")
+    os.chown(root, -1, 54321)
+    root.chmod(0o775)
+    monkeypatch.setattr(pwd, "getpwuid", lambda _: SimpleNamespace(pw_name="ada"))
+    monkeypatch.setattr(grp, "getgrgid", lambda _: SimpleNamespace(gr_name=name, gr_mem=members))
+    if followed:
+        assert read_below([root], path) == b"secret\n"
+    else:
+        with pytest.raises(BagError, match="others may change"):
+            read_below([root], path)
+
+
+def test_the_largest_file_is_read_and_a_larger_one_does_not_fill_the_memory(root: Path) -> None:
+    largest, huge = root / "largest", root / "huge"
+    largest.write_bytes(bytes(MAX_FILE_BYTES))
+    assert len(read_below([root], largest)) == MAX_FILE_BYTES
+    with huge.open("wb") as stream:
+        stream.truncate(200 * MAX_FILE_BYTES)  # sparse: no room on the disk
+    tracemalloc.start()
+    try:
+        with pytest.raises(BagError, match="at most"):
+            read_below([root], huge)
+        assert tracemalloc.get_traced_memory()[1] < 10 * MAX_FILE_BYTES
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_folder_with_too_many_files_is_refused(root: Path) -> None:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from pathlib import Path
 
 import pytest
@@ -13,8 +14,8 @@ from mcap.stream_reader import StreamReader
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.offers import OfferedQos
-from softgrip_bag.reader import bag_files, read, topic_summaries
-from softgrip_bag.writer import BagWriter, Topic
+from softgrip_bag.reader import attachments, bag_files, facts, read, topic_summaries
+from softgrip_bag.writer import Attachment, BagWriter, FileLimits, Topic
 
 pytest.importorskip("mcap_ros2")
 pytest.importorskip("rosbags")
@@ -101,6 +102,14 @@ def test_an_existing_folder_is_not_overwritten(bag: Path) -> None:
         BagWriter(bag)
 
 
+def test_a_folder_that_is_there_is_no_place_for_a_new_bag(tmp_path: Path) -> None:
+    """Also where no file of it has the name of one of the bag's."""
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(BagError, match="exists"):
+        BagWriter(tmp_path / "mine")
+    assert list((tmp_path / "mine").iterdir()) == []
+
+
 def test_a_missing_bag_and_a_file_that_is_no_mcap_are_named(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="found none"):
         list(read(tmp_path / "nothing"))
@@ -108,3 +117,50 @@ def test_a_missing_bag_and_a_file_that_is_no_mcap_are_named(tmp_path: Path) -> N
     wrong.write_bytes(b"not an mcap file at all")
     with pytest.raises(BagError, match="expected MCAP"):
         list(read(wrong))
+
+
+def test_times_that_nobody_can_write_are_taken_for_the_nearest_and_counted(tmp_path: Path) -> None:
+    """MCAP has 64 bits without sign, ROS 64 with: what both can write is 0 .. 2^63 - 1."""
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic(Topic("/a", "std_msgs/msg/String", HASH, "string data\n", (OfferedQos(),)))
+    for received, published in ((5, -1), (-7, 6), (2**63, 2**64), (2**63 - 1, 0)):
+        writer.write("/a", received, published, HI)
+    assert writer.clamped_stamps == 3
+    found = [(m.received, m.published) for m in read(writer.close())]
+    assert sorted(found) == [(0, 6), (5, 0), (2**63 - 1, 0), (2**63 - 1, 2**63 - 1)]
+
+
+def test_what_was_written_is_on_the_disk_a_quarter_of_a_second_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = 1000.0
+    monkeypatch.setattr(time, "monotonic", lambda: now_s)
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic(Topic("/a", "std_msgs/msg/String", HASH, "string data\n", (OfferedQos(),)))
+    writer.write("/a", 1, 1, HI)
+    writer.flush_if_due()
+    assert writer.stored.total() == 0, "not each message is a chunk of its own"
+    now_s += 0.25
+    writer.flush_if_due()
+    assert writer.stored == {"/a": 1}
+    writer.close()
+
+
+def test_each_file_of_a_bag_explains_itself_and_the_metadata_knows_all_at_any_time(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "bag", {"softgrip_machine": {"system": "test"}}, FileLimits(kept_files=2))
+    writer.add_topic(Topic("/a", "std_msgs/msg/String", HASH, "string data\n", (OfferedQos(),)))
+    writer.attach(Attachment("a.yaml", "application/yaml", b"a: 1"))
+    writer.add_fact("softgrip_fault", {"fault": "none"})
+    for number in range(3):
+        writer.write("/a", number, number, HI)
+        writer.split()
+        information = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+        assert information["message_count"] == min(number + 1, 1)
+    writer.close()
+    files = bag_files(tmp_path / "bag")
+    assert [file.name for file in files] == ["bag_2.mcap", "bag_3.mcap"]
+    for file in files:
+        assert facts(file)["softgrip_fault"] == {"fault": "none"}
+        assert facts(file)["softgrip_machine"] == {"system": "test"}
+        assert [(a.name, a.data) for a in attachments(file)] == [("a.yaml", b"a: 1")]
+    assert (writer.stored, writer.removed) == ({"/a": 1}, {"/a": 2})

@@ -550,6 +550,20 @@ def test_a_tendon_whose_release_was_cut_short_is_not_homed_by_others(rig):
     assert "owned by manager and taut" in rig.controller.home(rig.now).refusal
 
 
+def test_a_tendon_whose_release_a_lock_cut_short_is_not_homed_by_others(rig):
+    rig.run(rig.move(0.012))
+    lease(rig, 10.0)
+    rig.controller.release(rig.now)
+    rig.pass_time(0.1)
+    rig.block = Block("locked by Ann", is_stop=False, lets_go=False)
+    rig.controller.enforce_block()
+    rig.cycle()
+    rig.block = None
+    assert rig.drive().holds_tension
+    assert not rig.drive().busy
+    assert "owned by manager and taut" in rig.controller.home(rig.now).refusal
+
+
 def test_what_an_owner_pulls_after_a_release_is_taut_again(rig):
     rig.run(rig.controller.release(rig.now))
     owned = lease(rig, 10.0)

@@ -9,7 +9,7 @@ import tty
 
 import pytest
 from dynamixel_sdk import Protocol2PacketHandler
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from softgrip_driver.dynamixel import registers as reg
@@ -137,6 +137,7 @@ def test_the_sdk_alone_would_send_a_false_header():
 
 
 @given(st.lists(st.sampled_from([0xFF, 0xFD, 0x00, 0x55]), max_size=40))
+@example([0xFF, 0xFF, 0xFD, 0xFD])  # the last one is no stuffing
 def test_stuffing_is_undone_exactly_and_leaves_no_header(body):
     stuffed = stuff(body)
     assert unstuff(stuffed) == body

@@ -162,6 +162,16 @@ def test_an_order_at_rest_is_served_at_once_and_the_next_cycle_comes_within_a_pe
     assert cell.loop.snapshot.is_resting
 
 
+def test_a_request_that_changes_nothing_yet_ends_the_rest(cell):
+    """What it asks for may show in a later cycle: until then the loop is quick."""
+    asked = at_rest(cell)
+    before = len(cell.times())
+    cell.loop.call(lambda _controller, _now: None)
+    cell.clock.run_to(asked + REST_AFTER_S - 0.1)
+    assert cell.seen(cell.times()[before]) == pytest.approx([PERIOD_S] * len(cell.seen(cell.times()[before])))
+    assert len(cell.seen(asked)) > 150
+
+
 def test_a_stop_at_rest_switches_off_without_waiting_for_a_cycle(cell):
     asked = at_rest(cell)
     cell.block = Block("stopped by a test", is_stop=True, lets_go=True)

@@ -66,6 +66,34 @@ def test_a_value_of_no_type_is_refused_before_rclpy_sees_it(make_node: MakeNode,
     assert len(seen) == 1
 
 
+@pytest.mark.parametrize("kind", [SetParameters, SetParametersAtomically])
+@pytest.mark.parametrize(("number", "known"), [(9, True), (10, False)])
+def test_the_last_type_is_known_and_the_next_is_not(make_node: MakeNode, kind: Any, number: int, known: bool) -> None:
+    """PARAMETER_STRING_ARRAY is 9 in rcl_interfaces/msg/ParameterType, the last one."""
+    node = make_node()
+    node.declare_parameter("names", ["a"])
+    guard_parameter_services(node)
+    answer = ask(node, kind, "names", ParameterValue(type=number, string_array_value=["b"]))
+    result = answer.results[0] if kind is SetParameters else answer.result
+    assert result.successful is known
+    assert ("expected a type 0 .. 9, found 10" in result.reason) is not known
+    assert node.get_parameter("names").value == (["b"] if known else ["a"])
+
+
+@pytest.mark.parametrize("kind", [SetParameters, SetParametersAtomically])
+def test_one_value_of_no_type_refuses_all_that_come_with_it(make_node: MakeNode, kind: Any) -> None:
+    node = make_node()
+    node.declare_parameter("speed", 1.0)
+    guard_parameter_services(node)
+    values = [ParameterValue(type=3, double_value=2.0), ParameterValue(type=200)]
+    (service,) = [service for service in node.services if service.srv_type is kind]
+    request = kind.Request(parameters=[ParameterMessage(name="speed", value=value) for value in values])
+    answer = service.callback(request, kind.Response())
+    results = list(answer.results) if kind is SetParameters else [answer.result] * 2
+    assert [result.successful for result in results] == [False, False]  # one for each, as the interface says
+    assert node.get_parameter("speed").value == 1.0
+
+
 @pytest.mark.parametrize("value", [True, False])
 def test_the_kind_of_time_is_chosen_at_the_start_only(make_node: MakeNode, value: bool) -> None:
     node = make_node()
@@ -90,6 +118,15 @@ def test_simulated_time_and_a_real_device_exclude_each_other(make_node: MakeNode
                 settle_time(node)
         else:
             settle_time(node)
+    both = make_node(
+        RosParameter("use_sim_time", value=True),
+        RosParameter("port", value=str(emulated)),
+        RosParameter("gauge", value=str(real)),
+    )
+    table = (Parameter("port", "", "of the servos", device=True), Parameter("gauge", "", "of the gauge", device=True))
+    ParameterTable(*table).declare(both)
+    with pytest.raises(StartupError, match="real is real hardware"):
+        settle_time(both)
     without = make_node(RosParameter("port", value="/dev/ttyUSB0"))
     ParameterTable(Parameter("port", "", "of the servos", device=True)).declare(without)
     settle_time(without)

@@ -4,13 +4,17 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from typing import Any
 
 import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from softgrip_nodekit import HealthMonitor, HealthWatch
 from softgrip_nodekit.guards import serve_ping
@@ -43,6 +47,21 @@ def test_a_watcher_that_stood_still_gives_all_their_time_again() -> None:
     assert [watch.find_changes(5.0 + 0.25 * tick).silent for tick in range(1, 6)] == [[], [], [], [], ["manager"]]
 
 
+def test_one_that_does_not_answer_for_a_second_is_silent() -> None:
+    watch = HealthWatch(["manager"], max_gap_s=10.0)
+    watch.take_answer("manager", 0.0)
+    assert watch.find_changes(1.0).silent == []
+    assert watch.find_changes(1.01).silent == ["manager"]
+
+
+def test_who_was_silent_before_the_watcher_stood_still_is_silent_after_it() -> None:
+    watch = HealthWatch(["manager"], limit_s=1.0, max_gap_s=1.5)
+    watch.take_answer("manager", 0.0)
+    assert watch.find_changes(1.2).silent == ["manager"]
+    assert watch.find_changes(100.0) == ([], [])
+    assert watch.silent == ["manager"]
+
+
 class Watched:
     """A node whose executor can be made to stand still."""
 
@@ -58,6 +77,12 @@ class Watched:
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._executor.spin)
         self._thread.start()
+
+    def drop(self) -> None:
+        """End as a killed process does: what it was asked is never answered."""
+        self.context.try_shutdown()
+        self.go_on.set()
+        self._thread.join()
 
     def close(self) -> None:
         self.go_on.set()
@@ -116,3 +141,102 @@ def test_a_frozen_executor_is_named_while_its_node_is_still_on_the_graph(
         wait_until(lambda: monitor.silent == ["/elsewhere/other"])
     finally:
         monitor.close()
+
+
+@pytest.fixture
+def monitor(driver: Node) -> Iterator[Callable[..., HealthMonitor]]:
+    """Makes a monitor of /cell/manager that writes down what it says, and closes it."""
+    made: list[HealthMonitor] = []
+
+    def make(reported: list[tuple[str, str]], **options: Any) -> HealthMonitor:
+        made.append(
+            HealthMonitor(
+                driver,
+                ["manager"],
+                period=0.02,
+                on_silent=lambda name: reported.append(("silent", name)),
+                on_back=lambda name: reported.append(("back", name)),
+                **options,
+            )
+        )
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+def test_a_monitor_that_stood_still_blames_nobody(
+    monitor: Callable[..., HealthMonitor], watched: Callable[..., Watched]
+) -> None:
+    watched("manager", "/cell")
+    reported: list[tuple[str, str]] = []
+    stood_s = 0.0
+    read_at: list[float] = []
+
+    def now_s() -> float:
+        read_at.append(stood_s)
+        return time.monotonic() + stood_s
+
+    watching = monitor(reported, limit=30.0, now_s=now_s)
+    wait_until(lambda: bool(watching._watch._answered))
+    stood_s = 3600.0
+    wait_until(lambda: read_at.count(stood_s) > 20)
+    assert reported == []
+
+
+def test_a_node_that_stands_still_is_asked_once_in_its_time(
+    monitor: Callable[..., HealthMonitor], watched: Callable[..., Watched]
+) -> None:
+    manager = watched("manager", "/cell")
+    reported: list[tuple[str, str]] = []
+    read_at: list[float] = []
+
+    def now_s() -> float:
+        read_at.append(time.monotonic())
+        return read_at[-1]
+
+    watching = monitor(reported, limit=60.0, now_s=now_s)
+    wait_until(lambda: bool(watching._watch._answered))
+    asked: list[Any] = []
+    client = watching._clients["manager"]
+    ask = client.call_async
+    manager.go_on.clear()
+    client.call_async = lambda request: (asked.append(request), ask(request))[1]
+    seen = len(read_at)
+    wait_until(lambda: len(read_at) > seen + 50)
+    manager.go_on.set()
+    assert len(asked) <= 2, "what was asked before it stood still, and once more"
+
+
+def test_who_comes_back_as_another_process_is_heard_though_a_ping_was_lost(
+    monitor: Callable[..., HealthMonitor], watched: Callable[..., Watched]
+) -> None:
+    reported: list[tuple[str, str]] = []
+    watching = monitor(reported, limit=0.3)
+    first = watched("manager", "/cell")
+    wait_until(lambda: bool(watching._watch._answered))
+    first.go_on.clear()
+    wait_until(lambda: watching.silent == ["manager"])
+    first.drop()
+    watched("manager", "/cell")
+    wait_until(lambda: watching.silent == [])
+    assert reported[-1] == ("back", "manager")
+
+
+def test_a_ping_that_failed_is_no_answer(monitor: Callable[..., HealthMonitor]) -> None:
+    watching = monitor([])
+    failed: Future[Any] = Future()
+    failed.set_exception(RuntimeError("cannot be decoded"))
+    watching._take_answer("manager", failed)
+    assert watching._watch._answered == {}
+    given: Future[Any] = Future()
+    given.set_result(Trigger.Response())
+    watching._take_answer("manager", given)
+    assert list(watching._watch._answered) == ["manager"]
+
+
+def test_a_ping_is_answered_with_success(driver: Node) -> None:
+    serve_ping(driver)
+    (ping,) = [service for service in driver.services if service.srv_name.endswith("/driver/ping")]
+    assert ping.callback(Trigger.Request(), Trigger.Response()).success

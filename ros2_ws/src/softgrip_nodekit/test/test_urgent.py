@@ -15,7 +15,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from softgrip_nodekit import UrgentServer, standstill
+from softgrip_nodekit import UrgentServer, isolated, standstill, urgent
+from softgrip_nodekit.callback_errors import callback_errors
+from softgrip_nodekit.isolated import IsolatedNode
 from softgrip_testing.waiting import TEST_TIMEOUT_S, wait_until
 
 Serve = Callable[[Any, Any], Any]
@@ -92,6 +94,26 @@ def test_it_says_for_how_long_it_has_stood_still(make: Make, monkeypatch: pytest
     assert stood[-1] == pytest.approx(3600.0, abs=60.0)
 
 
+def test_in_an_emulated_cell_whose_time_waits_nobody_has_stood_still(
+    make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    suspended_s = 0.0
+    asked: list[float] = []
+
+    def now_s() -> float:
+        asked.append(suspended_s)
+        return time.monotonic() + suspended_s
+
+    monkeypatch.setattr(standstill, "boot_time_s", now_s)
+    monkeypatch.setattr(urgent, "time_waits_for", lambda _node: True)
+    stood: list[float] = []
+    make(on_standstill=stood.append)
+    wait_until(lambda: len(asked) >= 2)
+    suspended_s = 3600.0
+    wait_until(lambda: asked.count(suspended_s) >= 3)
+    assert stood == []
+
+
 def test_it_answers_while_the_nodes_executor_stands_in_a_callback(make: Make, call: Callable[..., Any]) -> None:
     node, _ = make()
     inside, leave = threading.Event(), threading.Event()
@@ -142,10 +164,11 @@ def test_a_callback_that_raises_is_answered_with_the_reason_and_the_next_call_is
         return _answer(_, response)
 
     failures: list[int] = []
-    make(callback=fail, kind=SetBool)
+    node, _ = make(callback=fail, kind=SetBool)
     first = call("/estop", SetBool)
     assert not first.success
     assert first.message == "OSError: the disk is full"
+    assert (callback_errors(node).count, callback_errors(node).last) == (1, "OSError: the disk is full")
     assert call("/estop", SetBool).success
 
 
@@ -164,6 +187,7 @@ def test_a_response_of_the_wrong_kind_does_not_end_it(make: Make, call: Callable
     client.call_async(Trigger.Request())  # its answer is none
     assert spoiled.wait(TEST_TIMEOUT_S)  # another session's request may overtake it
     assert call("/estop").success
+    assert callback_errors(node).count == 1, "said on /diagnostics"
 
 
 def test_its_queue_thread_and_session_are_gone_once_it_is_closed(make: Make) -> None:
@@ -210,3 +234,84 @@ def test_an_executor_that_cannot_be_told_to_stop_does_not_keep_its_session(
 def test_parameters_of_the_command_line_do_not_reach_its_node(make: Make) -> None:
     _, server = make("-p", "use_sim_time:=true")
     assert not server._isolated.node.get_parameter("use_sim_time").value
+
+
+def test_its_node_lives_in_the_domain_of_the_other_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "71")
+    context = Context()
+    rclpy.init(args=[], context=context, domain_id=72)
+    node = Node("driver", context=context)
+    beside = IsolatedNode(node, "urgent", lambda _error: None)
+    try:
+        assert beside.node.context.get_domain_id() == 72
+    finally:
+        beside.close()
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def test_its_node_has_the_enclave_of_the_other_one_and_not_of_a_third(
+    make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What SROS 2 lets a process do goes by its enclave."""
+    node, _ = make("-r", "__ns:=/cell")
+    arguments: list[list[str]] = []
+    init = rclpy.init
+
+    def record_init(args: list[str], **options: Any) -> None:
+        arguments.append(args)
+        init(args=[], **options)
+
+    monkeypatch.setattr(rclpy, "init", record_init)
+    known = [("driver", "/", "/others"), ("driver", "/cell", "/cell/driver"), ("camera", "/cell", "/cell/camera")]
+    monkeypatch.setattr(node, "get_node_names_and_namespaces_with_enclaves", lambda: known)
+    IsolatedNode(node, "second", lambda _error: None).close()
+    monkeypatch.setattr(node, "get_node_names_and_namespaces_with_enclaves", lambda: [("driver", "/cell", "/")])
+    IsolatedNode(node, "third", lambda _error: None).close()
+    assert arguments == [["--ros-args", "--enclave", "/cell/driver"], []]
+
+
+def test_a_node_that_cannot_be_made_leaves_no_session_behind(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    node, _ = make()
+    contexts: list[Context] = []
+
+    def refuse(*_: object, context: Context, **__: object) -> None:
+        contexts.append(context)
+        raise RuntimeError("no participant left")
+
+    monkeypatch.setattr(isolated, "Node", refuse)
+    with pytest.raises(RuntimeError, match="no participant left"):
+        IsolatedNode(node, "second", lambda _error: None)
+    assert [context.ok() for context in contexts] == [False]
+
+
+def test_it_can_be_closed_by_what_it_calls(make: Make, call: Callable[..., Any]) -> None:
+    closed: list[str] = []
+
+    def end(_: Any, response: Any) -> Any:
+        server.close()
+        closed.append("without an error")
+        return response
+
+    node, _ = make()
+    server = UrgentServer(node, Trigger, "end", end)
+    client = node.create_client(Trigger, "/end")
+    assert client.wait_for_service(timeout_sec=TEST_TIMEOUT_S)
+    client.call_async(Trigger.Request())  # nobody is left who would answer
+    wait_until(lambda: closed == ["without an error"])
+
+
+def test_whoever_closes_it_waits_until_its_thread_has_ended(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The drives are closed next: nothing may answer a stop beside that."""
+    spin = SingleThreadedExecutor.spin
+
+    def end_slowly(executor: SingleThreadedExecutor) -> None:
+        try:
+            spin(executor)
+        finally:
+            time.sleep(0.3)
+
+    monkeypatch.setattr(SingleThreadedExecutor, "spin", end_slowly)
+    _, server = make()
+    server.close()
+    assert "driver_urgent" not in [thread.name for thread in threading.enumerate()]

@@ -207,6 +207,7 @@ class ScriptedDriver(Node):
         self.status_tells_estop = True
         self.goals: list[Any] = []
         self.status_quiet = False
+        self.predicts = True
         self.spoil: Callable[[JointState], None] = lambda _: None
         self.release_fails = ""
         self.digest = ""  # of the friction model that the scripted predictor computes with
@@ -387,7 +388,8 @@ class ScriptedDriver(Node):
             friction_digest=self.digest,
         )
         predicted.header.stamp = stamp
-        self._predicted.publish(predicted)
+        if self.predicts:
+            self._predicted.publish(predicted)
         if not self.status_quiet:
             self._publish_status(stamp)
         self._end_goals()

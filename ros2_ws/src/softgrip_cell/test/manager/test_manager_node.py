@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from typing import Any
 
 import pytest
@@ -120,6 +121,7 @@ def test_a_second_manager_on_the_same_cell_is_refused(cell: Any) -> None:
         ("database_url:=oracle://x", "expected sqlite or postgresql"),
         ("lift_window_s:=-1.0", "lift_window_s"),
         ("thumb:=toe", "expected different names with 'toe'"),
+        ("slots:=[index,index,thumb]", "expected different names with 'thumb'"),
     ],
 )
 def test_a_manager_that_cannot_start_says_why(cell: Any, parameter: str, expected: str) -> None:
@@ -170,6 +172,10 @@ def test_a_finger_that_its_residual_calls_worn_is_not_used_any_more(cell: Any) -
     assert cell.swap().outcome == SwapFingers.Result.SUCCEEDED
     heard = cell.driver.count_subscribers
     cell.until(lambda: heard("finger/residual") > 0, 10.0, "somebody who listens to finger/residual")
+    for _ in range(8):
+        cell.driver.publish_residual("index", PredictionResidual.WATCH, "to be watched, and good")
+        time.sleep(0.02)  # else some find no room in the queue
+    assert "worn" not in cell.controller.grasp("egg").reason, "asked after these were taken"
     for _ in range(4):
         cell.driver.publish_residual("middle", PredictionResidual.WORN, "a single outburst")
     cell.driver.publish_residual("middle", PredictionResidual.WATCH, "a little off")
@@ -180,6 +186,7 @@ def test_a_finger_that_its_residual_calls_worn_is_not_used_any_more(cell: Any) -
     assert "outburst" not in state.reason
     refused = cell.controller.grasp("egg").reason
     assert "12 % of its length" in refused
+    assert "to be watched" not in refused
     assert "cell/swap" in refused
 
 

@@ -7,6 +7,7 @@ import math
 import resource
 import signal
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -15,6 +16,7 @@ from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 
 from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
+from softgrip_cell.nodes.tendon_lease import HAND_OVER_S
 from softgrip_interfaces.action import Grasp, MoveTendon, SwapFingers
 from softgrip_interfaces.msg import CellState, TendonStatus
 from softgrip_interfaces.srv import AcquireLock
@@ -243,11 +245,77 @@ def test_a_running_grasp_is_not_handed_over_but_its_end_is(cell: Any) -> None:
     cell.until(lambda: cell.driver.guard.lease_owner == "", 5.0, "the hand-over")
 
 
+def test_a_running_grasp_keeps_its_tendons_while_somebody_asks_for_them(cell: Any) -> None:
+    ready(cell, "lift_window_s:=30.0")
+    cell.driver.bench.contact_m = TOUCHED
+    client = ActionClient(cell.node, Grasp, "cell/grasp")
+    cell.until(client.server_is_ready, 10.0, "cell/grasp")
+    moved = cell.driver.moved
+    handle = cell.wait(client.send_goal_async(Grasp.Goal(product="orange", confirm_lift=True)), 5.0, "a goal handle")
+    cell.until(lambda: cell.driver.moved > moved, 10.0, "an order of the grasp")
+    cell.driver.guard.ask_for_hand_over("Ada at the panel")
+    beats = cell.driver.guard.heartbeats
+    cell.until(lambda: cell.driver.guard.heartbeats > beats + 8, 10.0, "heartbeats: each is a look of the manager")
+    assert cell.driver.guard.lease_owner == "grasp_mix_manager"
+    cell.wait(handle.cancel_goal_async(), 5.0, "the cancel to be taken")
+    cell.until(lambda: cell.driver.guard.lease_owner == "", 10.0, "the hand-over after its end")
+
+
 def test_a_grasp_that_loses_the_tendons_ends_and_names_who_has_them(cell: Any) -> None:
     ready(cell, "lift_window_s:=20.0")
     result = grasped(cell, lambda: cell.driver.guard.take_lease("Ada at the panel"))
     assert GRASP_OUTCOMES[result.outcome] == "ABORTED"
     assert "found 'Ada at the panel'" in result.reason
+
+
+def test_tendons_that_were_handed_over_are_left_alone_for_a_while(cell: Any) -> None:
+    """A person may take longer for them than the manager's next look."""
+    ready(cell)
+    held(cell)
+    cell.driver.guard.ask_for_hand_over("Ada at the panel")
+    cell.until(lambda: cell.driver.guard.lease_owner == "", 5.0, "the hand-over")
+    handed_over_s = time.monotonic()
+    while time.monotonic() - handed_over_s < HAND_OVER_S - 1.5:
+        assert cell.driver.guard.lease_owner == ""
+        time.sleep(0.05)
+    cell.until(lambda: cell.driver.guard.lease_owner == "grasp_mix_manager", 15.0, "the tendons to be taken back")
+
+
+def in_the_check(cell: Any, happens: Callable[[], None]) -> Any:
+    """Result of a swap in whose check something happens once: the first time that its own order moves the tendons."""
+    cell.start()
+
+    def look(_message: JointState) -> None:
+        if cell.driver.moved and cell.driver.guard.lease_owner == "grasp_mix_manager":
+            cell.driver.spoil = lambda _: None
+            happens()
+
+    cell.driver.spoil = look
+    return cell.swap(timeout_s=60.0)
+
+
+def test_a_check_that_loses_the_tendons_ends_and_names_who_has_them(cell: Any) -> None:
+    result = in_the_check(cell, lambda: cell.driver.guard.take_lease("Ada at the panel"))
+    assert result.outcome == SwapFingers.Result.FAILED
+    assert "lost the tendons" in result.reason
+    assert "found 'Ada at the panel'" in result.reason
+
+
+def test_a_check_whose_driver_falls_silent_fails(cell: Any) -> None:
+    result = in_the_check(cell, lambda: setattr(cell.driver, "quiet", True))
+    assert result.outcome == SwapFingers.Result.FAILED
+    assert "expected tendon/state and tendon/status, found none for 1 s" in result.reason
+
+
+def test_a_manager_that_ends_gives_the_tendons_back(cell: Any) -> None:
+    ready(cell, "lease_s:=10.0")
+    held(cell)
+    assert cell.driver.guard.lease_owner == "grasp_mix_manager"
+    ended_s = time.monotonic()
+    cell.stop()
+    assert cell.code == 0
+    # Ten seconds after its last heartbeat the lease would end by itself.
+    cell.until(lambda: cell.driver.guard.lease_owner == "", 8.0 - (time.monotonic() - ended_s), "the tendons")
 
 
 def test_a_manager_that_comes_back_keeps_alive_what_is_held(cell: Any) -> None:
@@ -288,6 +356,14 @@ def test_nothing_is_grasped_while_the_driver_is_silent(cell: Any, what: str, top
     assert GRASP_OUTCOMES[lost.outcome] == "ABORTED"
     assert topic in lost.reason
     assert "the fingers hold where they are" in lost.reason
+
+
+def test_a_grasp_whose_predictor_dies_ends_though_the_driver_goes_on(cell: Any) -> None:
+    """Contact is felt as the difference to a prediction: without one nobody knows how hard a product is pressed."""
+    ready(cell, "lift_window_s:=20.0")
+    lost = grasped(cell, lambda: setattr(cell.driver, "predicts", False))
+    assert GRASP_OUTCOMES[lost.outcome] == "ABORTED"
+    assert "finger/predicted" in lost.reason
 
 
 def no_number(message: JointState) -> None:
