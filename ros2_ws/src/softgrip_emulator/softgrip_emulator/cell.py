@@ -47,6 +47,7 @@ SEEN_SLOT: Final = "index"
 """The camera looks at this finger from the side, and at what is behind it."""
 _EXPOSURE_S: Final = 0.008
 _ROUNDING_S: Final = 1e-6
+_HOST_POLL_S: Final = 0.02
 
 
 @dataclass(frozen=True)
@@ -173,6 +174,15 @@ class EmulatedCell:
         port.open(self.time_server.thread)
         self._ports.append(port)
         return port
+
+    def await_hosts(self, limit_s: float) -> None:
+        """Live on until no program has a wire open, for so long at most [s, the computer's]: as devices do.
+
+        Who ends at the same moment still has to tell its drives to let go, and to hear that they did.
+        """
+        deadline_s = time.monotonic() + limit_s
+        while any(port.attached for port in self._ports) and time.monotonic() < deadline_s:
+            time.sleep(_HOST_POLL_S)
 
     def close(self) -> None:
         """Take all wires away. May be called more than once."""

@@ -2,8 +2,10 @@
 """The node as a process: wires before services, a person's hands as services, truth, clock, clean end."""
 
 import signal
+import subprocess
 from itertools import pairwise
 
+import dynamixel_sdk
 import pytest
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -68,6 +70,23 @@ def test_services_truth_and_clean_end(start, peer, tmp_path):
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=TEST_TIMEOUT_S) == 0
     assert list(tmp_path.iterdir()) == []
+
+
+def test_servos_answer_until_their_host_has_left(start, peer, tmp_path):
+    """One Ctrl-C ends emulator and driver at once, and the driver must hear that torque is off."""
+    process = start()
+    peer.call(PlaceObject, "emulator/place_object", product="egg", offset=0.0)  # the wires are there
+    port, servos = dynamixel_sdk.PortHandler(str(tmp_path / "servos")), dynamixel_sdk.PacketHandler(2.0)
+    assert port.openPort()
+    assert port.setBaudRate(1_000_000)
+    assert servos.ping(port, 1)[1] == dynamixel_sdk.COMM_SUCCESS
+    process.send_signal(signal.SIGINT)
+    with pytest.raises(subprocess.TimeoutExpired):
+        process.wait(timeout=1.0)
+    torque_enable = 64
+    assert servos.write1ByteTxRx(port, 1, torque_enable, 0)[0] == dynamixel_sdk.COMM_SUCCESS
+    port.closePort()
+    assert process.wait(timeout=TEST_TIMEOUT_S) == 0
 
 
 def test_its_thermometer_is_right_to_some_degrees_and_follows_the_room(start, peer):

@@ -44,6 +44,7 @@ class CellFollower:
     def __init__(self, node: Node, follows: str = "clock", lag_s: float = LAG_S) -> None:
         self._node, self._follows, self._lag_s = node, follows, lag_s
         self._follower: Follower | None = None
+        self._has_left = False
 
     def report(self, epoch_ns: int) -> None:
         """Report that all is done up to a time since the epoch [ns]; the cell's time waits from the first report on.
@@ -52,15 +53,23 @@ class CellFollower:
             OSError: there is no such cell; says what to do.
         """
         path = _lockstep(self._node)
-        if not path:
+        if not path or self._has_left:
             return
         if self._follower is None:
             self._follower = Follower(Path(path), self._node.get_name(), self._follows, self._lag_s)
         self._follower.report(epoch_ns)
 
+    def leave(self) -> None:
+        """Let the cell's time go on without this node."""
+        self._has_left = True
+        if self._follower is not None:
+            self._follower.close()
 
-def join_cell_time(node: Node) -> None:
+
+def join_cell_time(node: Node) -> CellFollower:
     """Declare ``lockstep``; where it is set, the cell's time waits for the node's executor once that has received it.
+
+    Whoever ends the executor calls `CellFollower.leave` then: a driver that lets go of its drives needs the time.
 
     Raises:
         StartupError: it is set, but the node does not use simulated time.
@@ -69,9 +78,10 @@ def join_cell_time(node: Node) -> None:
     path = node.declare_parameter(LOCKSTEP, "", ParameterDescriptor(description=text, read_only=True)).value
     if path and not is_simulated(node):
         raise StartupError(f"parameter '{LOCKSTEP}': expected {USE_SIM_TIME} to be true with it, found {path!r} alone")
+    follower = CellFollower(node)
     if path:
-        follower = CellFollower(node)
         node.create_timer(REPORT_PERIOD_S, lambda: follower.report(node.get_clock().now().nanoseconds))
+    return follower
 
 
 def is_simulated(node: Node) -> bool:

@@ -20,7 +20,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 
 from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S, CallbackErrors, callback_errors
-from softgrip_nodekit.cell_time import await_cell, join_cell_time
+from softgrip_nodekit.cell_time import CellFollower, await_cell, join_cell_time
 from softgrip_nodekit.errors import FatalError, StartupError
 from softgrip_nodekit.executor import end_context, make_executor
 from softgrip_nodekit.guards import guard_parameter_services, serve_ping, settle_time
@@ -76,11 +76,12 @@ def run(factory: Callable[[], CellNode], args: Sequence[str] | None = None, *, t
     # A large message that one thread reads must not hold up a loop, or an emergency stop, of another.
     sys.setswitchinterval(SWITCH_INTERVAL)
     node: CellNode | None = None
+    follower: CellFollower | None = None
     executor: Any = None
     code, is_started = 0, False
     try:
         node = factory()
-        join_cell_time(node)
+        follower = join_cell_time(node)
         _refuse_unknown_parameters(node)
         settle_time(node)
         guard_parameter_services(node)
@@ -111,6 +112,8 @@ def run(factory: Callable[[], CellNode], args: Sequence[str] | None = None, *, t
             traceback.print_exc()
             code = _cannot_start(_name_of(node, factory), error)
     finally:
+        if follower is not None:
+            follower.leave()
         _leave(node, executor)
     return code
 

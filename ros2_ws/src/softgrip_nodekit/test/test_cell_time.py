@@ -73,10 +73,13 @@ def cell(tmp_path: Path, context: Context) -> Iterator[Cell]:
 
 
 def simulated(context: Context, name: str, path: Path) -> Node:
+    return joined(context, name, path)[0]
+
+
+def joined(context: Context, name: str, path: Path) -> tuple[Node, CellFollower]:
     overrides = [RosParameter("use_sim_time", value=True), RosParameter("lockstep", value=str(path))]
     node = Node(name, context=context, parameter_overrides=overrides)
-    join_cell_time(node)
-    return node
+    return node, join_cell_time(node)
 
 
 def test_a_node_without_a_cell_lives_in_the_computers_time(context: Context) -> None:
@@ -140,6 +143,22 @@ def test_the_time_waits_for_an_executor_and_durations_are_its(context: Context, 
     wait_until(lambda: cell.server.clock.now_s() > stands_s + 0.5)
     executor.shutdown()
     spinning.join(TEST_TIMEOUT_S)
+    node.destroy_node()
+
+
+def test_the_time_waits_no_more_for_one_that_has_left(context: Context, cell: Cell) -> None:
+    """Its executor has ended, and its drives must be let go of in the cell's time."""
+    node, follower = joined(context, "follows", cell.path)
+    now_s = cell.server.clock.now_s
+    follower.report(int((cell.server.epoch_s + now_s()) * 1e9))
+    wait_until(lambda: cell.server.held_s.get("follows (clock)", 0.0) > 0.1)
+    follower.leave()
+    wait_until(lambda: not cell.server.participants.all)
+    left_s = now_s()
+    wait_until(lambda: now_s() > left_s + 0.5)
+    follower.report(int((cell.server.epoch_s + now_s()) * 1e9))  # of a timer that was running
+    time.sleep(0.1)
+    assert not cell.server.participants.all
     node.destroy_node()
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from builtin_interfaces.msg import Time
+from rclpy._rclpy_pybind11 import RCLError
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Temperature
 
@@ -120,6 +121,8 @@ _CLOCK_REST_PERIOD_S: Final = 0.06
 _CLOCK_REPEATED_S: Final = 0.1
 """A time that stands is published again after this, by the computer's clock, for nodes that have just started."""
 _SWITCH_INTERVAL_S: Final = 0.0005
+_LEAVE_S: Final = 3.0
+"""So long [s] other programs may take to leave the wires; `ros2 launch` sends its second signal after 5 s."""
 
 
 class EmulatedCellNode(CellNode):
@@ -193,6 +196,13 @@ class EmulatedCellNode(CellNode):
         cell = self._cell
         if cell is None or not self.context.ok():
             return
+        try:
+            self._publish_due(cell)
+        except RCLError:
+            if self.context.ok():  # else a signal has just ended it
+                raise
+
+    def _publish_due(self, cell: EmulatedCell) -> None:
         now_s, computer_s = cell.clock.now_s(), time.monotonic()
         period_s = _CLOCK_REST_PERIOD_S if cell.time_server.participants.is_resting else _CLOCK_PERIOD_S
         if now_s - self._published_s > 0.999 * period_s or computer_s - self._published_at > _CLOCK_REPEATED_S:
@@ -241,8 +251,9 @@ class EmulatedCellNode(CellNode):
             self._diagnostics.set("time", Health.OK, f"waits for {names}" if names else "the computer's", values)
 
     def close(self) -> None:
-        """Take the wires away."""
+        """Take the wires away, once the programs that use them have left: one Ctrl-C ends them all at once."""
         if self._cell is not None:
+            self._cell.await_hosts(_LEAVE_S)
             self._cell.close()
         self._name_lock.close()
 
