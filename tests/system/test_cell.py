@@ -76,6 +76,19 @@ def test_ctrl_c_leaves_no_process_behind(launch: Launch, tmp_path: Path, moment:
     assert cell.survivors() == []
 
 
+def test_a_cell_that_ctrl_c_has_ended_starts_again_without_a_stop(launch: Launch, tmp_path: Path) -> None:
+    """One Ctrl-C ends drives' emulator, driver and followers of the cell's time at once, in whatever order."""
+    held = "never homed; call tendon/home"  # said once the driver has taken hold
+    for _ in range(2):
+        cell = launch(*CELL, f"out:={tmp_path}/out")
+        cell.wait_for(held, GIVE_UP)
+        time.sleep(3.0)
+        cell.interrupt()
+        cell.wait_for_end(20.0)
+        assert "starts with the emergency stop on" not in cell.output
+        assert "is_armed: false" in (tmp_path / "out" / "tendon_safety.yaml").read_text()
+
+
 def test_two_cells_on_one_machine_do_not_see_each_other(launch: Launch, tmp_path: Path) -> None:
     cells = [launch(*CELL, f"out:={tmp_path}/out{number}") for number in range(2)]
     for cell in cells:
