@@ -149,6 +149,9 @@ def test_the_signature_holds_for_every_figure(tmp_path: Path, cell_file: Path) -
     checklist = Checklist([Step("one", (GOOD,))], load_record(path, cell_file), path, said.append)
     record = sign(checklist.run(CELL), "Ada")
     assert replace(record, name="Bob").digest != record.digest
+    save_record(replace(record, name="", signed_at=""), path)
+    assert verify(path, cell_file, said.append) == 1
+    assert "nobody has signed" in said[-1]
     save_record(record, path)
     assert verify(path, cell_file, said.append) == 0
     data = json.loads(path.read_text())
@@ -156,6 +159,21 @@ def test_the_signature_holds_for_every_figure(tmp_path: Path, cell_file: Path) -
     path.write_text(json.dumps(data))
     assert verify(path, cell_file, said.append) == 1
     assert record.with_report(record.reports["one"]).name == ""
+
+
+def test_a_rehearsal_is_named_for_good(tmp_path: Path, cell_file: Path) -> None:
+    """A page of an emulated bench must not pass for one of real devices, even if the rest was done on them."""
+    path = tmp_path / "record.json"
+    real = sign(Checklist([Step("one", (GOOD,))], load_record(path, cell_file), path, [].append).run(CELL), "Ada")
+    assert "rehearsal on an" not in render(real)
+    rehearsal = real.on_emulated_bench()
+    assert rehearsal.name == ""
+    assert rehearsal.digest != replace(real, name="", signed_at="").digest
+    save_record(rehearsal, path)
+    found = load_record(path, cell_file)
+    assert found.is_emulated
+    assert found.on_emulated_bench() is found
+    assert "rehearsal on an emulated bench" in render(found)
 
 
 def test_the_page_shows_every_figure_and_runs_nothing_of_what_it_shows(tmp_path: Path, cell_file: Path) -> None:

@@ -27,6 +27,7 @@ class FirstRunRecord:
         cell_file: path; cell_digest: SHA-256 of its text, which the reports hold for.
         reports: by step.
         name: who ran it; signed_at: UTC, ISO 8601; both empty until it is signed.
+        is_emulated: some of it was done on an emulated bench, which proves nothing of real devices.
     """
 
     cell_file: str
@@ -34,10 +35,15 @@ class FirstRunRecord:
     reports: Mapping[str, StepReport] = field(default_factory=dict)
     name: str = ""
     signed_at: str = ""
+    is_emulated: bool = False
 
     def with_report(self, report: StepReport) -> FirstRunRecord:
         """Return the record with another report; a signature no longer holds."""
         return replace(self, reports={**self.reports, report.key: report}, name="", signed_at="")
+
+    def on_emulated_bench(self) -> FirstRunRecord:
+        """Return the record as one of an emulated bench; a signature of before no longer holds."""
+        return self if self.is_emulated else replace(self, is_emulated=True, name="", signed_at="")
 
     def is_done(self, key: str) -> bool:
         """Whether a step need not be done again."""
@@ -68,7 +74,8 @@ def load_record(path: Path, cell_file: Path) -> FirstRunRecord:
         if data["schema"] != SCHEMA or data["cell_digest"] != empty.cell_digest:
             return empty
         reports = {row["key"]: _report(row) for row in data["reports"]}
-        return replace(empty, reports=reports, name=data["name"], signed_at=data["signed_at"])
+        is_emulated = bool(data.get("is_emulated", False))
+        return replace(empty, reports=reports, name=data["name"], signed_at=data["signed_at"], is_emulated=is_emulated)
     except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
         raise FirstRunError(
             f"{path}: expected the record of a first run, found: {error!r}; delete it to begin from the first step"
@@ -88,6 +95,8 @@ def _document(record: FirstRunRecord) -> dict[str, Any]:
         "reports": [asdict(report) for report in record.reports.values()],
         "name": record.name,
         "signed_at": record.signed_at,
+        # named only where it is so: signatures of records from before there was the name go on to hold
+        **({"is_emulated": True} if record.is_emulated else {}),
     }
 
 

@@ -99,6 +99,8 @@ def work(options: argparse.Namespace, person: Terminal) -> int:
     session.before_start = lambda: add_test_cube(_database(cell, out), "first_run")
     slots = [servo.tendon for servo in cell.servos.chain] if cell.servos else []
     emulated = options.hands == "emulator"
+    if emulated or cell.hardware == "emulated" or "hardware:=emulated" in options.launch_argument:
+        record = record.on_emulated_bench()
     hands = (
         EmulatorHands(options.finger_set, slots, cell.name)
         if emulated
@@ -134,9 +136,12 @@ def verify(path: Path, cell_file: Path, say: Callable[[str], object]) -> int:
 
     record = load_record(path, cell_file)
     written = json.loads(path.read_text(encoding="utf-8"))["digest"] if path.exists() else ""
-    if written and written == record.digest:
-        say(f"{path}: holds, run by {record.name or 'nobody yet'} {record.signed_at}".rstrip())
+    if written and written == record.digest and record.name:
+        say(f"{path}: holds, run by {record.name} {record.signed_at}".rstrip())
         return GOOD
+    if written and written == record.digest:
+        say(f"{path}: expected a name, found a record that nobody has signed; run first_run to its end")
+        return BAD
     say(f"{path}: expected a record of this cell file with digest {record.digest}, found {written or 'none'}")
     return BAD
 
