@@ -65,7 +65,7 @@ def classify(
     fragility: Fragility = Fragility.ROBUST,
     shares: Sequence[float] | None = None,
 ) -> Classification:
-    """Choose a grasp for a product.
+    """Return the grasp that Table 4.1 has for a product like this; the cell itself decides in `Cell.select`.
 
     Args:
         shape: coarse form.
