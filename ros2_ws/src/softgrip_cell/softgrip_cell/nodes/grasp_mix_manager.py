@@ -126,7 +126,7 @@ class GraspMixManager(CellNode):
         self._publish_state()
 
     def close(self) -> None:
-        """Let go of the cell: whoever grasps or swaps is told, the driver holds or releases by its own rules."""
+        """Let go of the cell: a grasp or swap ends, the driver holds or releases by its own rules."""
         self._grasp.abort("grasp_mix_manager is shutting down")
         self._driver.hold()
         self._lease.release()
