@@ -109,4 +109,5 @@ def test_from_the_boxes_to_the_first_grasp(terminal: Open, tmp_path: Path) -> No
     assert (figures["points accepted"], figures["outcome"]) == ("9", "GRIPPED")
     assert {report["status"] for report in record["reports"]} == {"good"}
     page = (tmp_path / "first_run" / "first_run.html").read_text()
+    assert "A rehearsal on an emulated bench" in page
     assert record["digest"] in page

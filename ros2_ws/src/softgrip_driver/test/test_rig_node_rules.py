@@ -322,7 +322,7 @@ def test_a_measurement_that_failed_is_no_success(rig: Rig, error: Exception) -> 
     assert rig.calibrate().outcome == Result.SUCCEEDED, "and the next one begins"
 
 
-def test_a_device_that_went_away_is_taken_up_and_one_that_refuses_is_not_opened_anew(rig: Rig) -> None:
+def test_a_lost_device_is_opened_again_and_one_that_refuses_is_not(rig: Rig) -> None:
     rig.bench.fails = DriverError("the gauge is saturated")
     rig.node._look()
     assert rig.done == []
