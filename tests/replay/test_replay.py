@@ -19,6 +19,7 @@ from softgrip_bag.nodes.digest import digest
 from softgrip_bag.nodes.messages import message_class, stamp_of, tree
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.nodes.replay import check, renewed
+from softgrip_bag.nodes.replayed_node import ReplayedNode
 from softgrip_bag.reader import RawMessage, attachments, topic_summaries
 from softgrip_testing.scripts import load_script
 
@@ -57,6 +58,20 @@ def test_the_node_says_what_it_said(bag: str) -> None:
     assert result.divergence is None, str(result.divergence)
     assert result.without_input == 0
     assert result.compared >= minimum
+
+
+@pytest.mark.parametrize(
+    ("bag", "topic"),
+    [("closings", "/finger/residual"), ("closings", "/finger/predicted"), ("grasps", "/cell/state")],
+)
+def test_a_topic_on_which_the_node_says_nothing_any_more_differs(
+    bag: str, topic: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = ReplayedNode.published
+    monkeypatch.setattr(ReplayedNode, "published", lambda node: [one for one in said(node) if one.topic != topic])
+    found = check(BAGS / bag, NODES[bag][0], tolerance=tolerance(bag)).divergence
+    assert found is not None
+    assert (found.topic, found.recorded, found.replayed) == (topic, "published", "not published")
 
 
 def test_another_threshold_is_named_with_step_field_time_and_both_values() -> None:

@@ -81,7 +81,7 @@ class _ArrivalSearch:
                     start = stamp
                     self._catch_up(list(early), message, start)
             self._feed(message)
-        return Fed(self._outputs, start, self._stamps)
+        return Fed(self._outputs, start, self._stamps, self._node.topics)
 
     def _catch_up(self, early: Sequence[RawMessage], message: RawMessage, start: int) -> None:
         """Feed what the node had worked on before the recorder heard its first answer: as much as explains that one."""

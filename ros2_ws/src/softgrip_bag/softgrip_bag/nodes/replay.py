@@ -11,6 +11,7 @@ from __future__ import annotations
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -124,7 +125,7 @@ def renewed(bag: Path, name: str, ros_arguments: Sequence[str] = ()) -> dict[str
     recording.check_definitions()
     fed = _feed(recording, name, ros_arguments)
     found: dict[str, list[RawMessage]] = {topic: [] for topic in fed.outputs}
-    for raw, stamp, data in _answered(recording, fed):
+    for raw, stamp, data in _answered(recording, fed, fed.outputs.keys()):
         if data is not None and stamp >= fed.start:
             found[raw.topic].append(replace(raw, data=data))
     return found
@@ -207,7 +208,7 @@ def _check_run(
             outputs = defaultdict(list)
             for output in node.published():
                 outputs[output.topic].append(output)
-            fed = Fed(outputs, steps[0].time_ns, {step.time_ns for step in steps}, end)
+            fed = Fed(outputs, steps[0].time_ns, {step.time_ns for step in steps}, node.topics, end)
             found = _compare(recording, fed, tolerance)
             return ReplayResult(log.compared + found.compared, found.divergence, without_input)
         except Diverged as found_difference:
@@ -220,9 +221,9 @@ def _check_run(
 
 
 def _compare(recording: RecordedBag, fed: Fed, tolerance: float) -> ReplayResult:
-    """Compare the results that were computed from what was fed."""
+    """Compare the results that were computed from what was fed; a topic that has fallen silent differs, too."""
     compared = without_input = 0
-    for raw, stamp, data in _answered(recording, fed):
+    for raw, stamp, data in _answered(recording, fed, fed.topics):
         if stamp < fed.start or (fed.end is not None and stamp > fed.end):
             continue
         if data is None and stamp not in fed.stamps:
@@ -245,16 +246,16 @@ def _difference(raw: RawMessage, data: bytes | None, tolerance: float) -> tuple[
     return first_difference(recorded, replayed, NOT_COMPARED.get(raw.type_name, frozenset()), tolerance=tolerance)
 
 
-def _answered(recording: RecordedBag, fed: Fed) -> Iterator[tuple[RawMessage, int, bytes | None]]:
-    """Yield each recorded result of a node with its stamp [ns], and the replayed one in the wire's form."""
-    topics = {
-        topic for topic in fed.outputs.keys() & recording.types.keys() - NOT_RESULTS if not topic.endswith(f"/{NOTES}")
-    }
+def _answered(
+    recording: RecordedBag, fed: Fed, among: AbstractSet[str]
+) -> Iterator[tuple[RawMessage, int, bytes | None]]:
+    """Yield each recorded result of a node, on topics ``among`` these, with its stamp [ns], and the replayed one."""
+    topics = {topic for topic in among & recording.types.keys() - NOT_RESULTS if not topic.endswith(f"/{NOTES}")}
     keys = _OutputKeys()
     replayed = {
         (topic, *keys.next_key(topic, output.data, output.kind)): output.data
         for topic in topics
-        for output in fed.outputs[topic]
+        for output in fed.outputs.get(topic, ())
     }
     keys = _OutputKeys()
     for raw in recording.read(topics):

@@ -43,12 +43,14 @@ class Fed:
         outputs: topic -> messages.
         start: [ns] stamp from which on they are complete: what hangs on messages older than the bag cannot come out.
         stamps: [ns] of every message that was fed: an output keeps the stamp of its input.
+        topics: that it can publish on, those included on which it said nothing.
         end: [ns] stamp of the last one that is complete; None = all are.
     """
 
     outputs: Mapping[str, Sequence[Output]]
     start: int
     stamps: AbstractSet[int]
+    topics: AbstractSet[str]
     end: int | None = None
 
 
@@ -84,12 +86,16 @@ class ReplayedNode:
         module, _, class_name = class_path.partition(":")
         base = getattr(importlib.import_module(module), class_name)
         sink: list[Output] = []
+        #: topics that it can publish on, rclpy's own left out
+        self.topics: set[str] = set()
+        topics = self.topics
 
         class Captured(base):  # type: ignore[misc, valid-type]  # the class is chosen at run time
             def create_publisher(self, msg_type: Any, topic: str, qos: Any, **options: Any) -> Any:
                 name = topic if topic.startswith("/") else self.resolve_topic_name(topic)
                 if name in INFRASTRUCTURE:
                     return super().create_publisher(msg_type, topic, qos, **options)
+                topics.add(name)
                 return _CapturingPublisher(name, sink)
 
             def create_timer(self, *_: Any, **__: Any) -> Any:

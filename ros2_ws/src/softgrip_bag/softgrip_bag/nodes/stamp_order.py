@@ -50,7 +50,7 @@ def feed_by_stamp(bag: RecordedBag, make: Callable[[], ReplayedNode], driver: st
             stamps.add(stamp)
             for output in node.feed(raw):
                 outputs[output.topic].append(output)
-    return Fed(outputs, first_answer, stamps)
+    return Fed(outputs, first_answer, stamps, node.topics)
 
 
 @dataclass
