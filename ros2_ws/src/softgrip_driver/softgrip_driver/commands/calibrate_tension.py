@@ -15,6 +15,8 @@ from softgrip_driver.commands.common import (
     DONE,
     add_bus_options,
     add_gauge_options,
+    add_lockstep_option,
+    clock_of,
     number,
     parser,
     run,
@@ -242,18 +244,21 @@ def _measured(options: argparse.Namespace) -> list[TensionSample]:
     torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
     servo = ServoConfiguration("tendon", options.id, model, Spool(options.radius, options.direction), torque)
     check_port_is_free_to_move(options.port)
-    bus = Bus(options.port, options.baud, options.reply_margin)
-    backend = DynamixelBackend(bus, [servo], watchdog=0.5, report=print)
-    try:
-        if options.weights:
-            return _measured_with_weights(backend, options)
-        return _measured_with_gauge(backend, options)
-    finally:
-        backend.disconnect()
+    clock = clock_of(options)
+    backend = DynamixelBackend(
+        Bus(options.port, options.baud, options.reply_margin, clock), [servo], watchdog=0.5, report=print
+    )
+    with clock.stepping():
+        try:
+            if options.weights:
+                return _measured_with_weights(backend, options)
+            return _measured_with_gauge(backend, options)
+        finally:
+            backend.disconnect()
 
 
 def _measured_with_gauge(backend: DynamixelBackend, options: argparse.Namespace) -> list[TensionSample]:
-    gauge = make_gauge(options.gauge_kind, options.gauge, stream_settings(options))
+    gauge = make_gauge(options.gauge_kind, options.gauge, stream_settings(options), clock=backend.bus.clock)
     gauge.open()
     try:
         backend.connect()
@@ -342,6 +347,7 @@ def main(args: Sequence[str] | None = None) -> int:
     arguments.add_argument(
         "--rounds", type=number(1, 100, int), default=4, metavar="N", help="in and out, default %(default)s"
     )
+    add_lockstep_option(arguments)
     arguments.add_argument("--csv", type=Path, help="fit a recording instead of measuring")
     arguments.add_argument("--record", type=Path, help="write the samples to this file")
     return run(work, arguments, args)

@@ -11,7 +11,7 @@ from softgrip_driver.commands import calibrate_tension, tension_recording
 from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_driver.tendon.units import TorqueModel
 from softgrip_driver.tendon.winding import Winding
-from softgrip_emulator.cell import EmulatedCell
+from softgrip_emulator.cell import TIME_SOCKET, EmulatedCell
 from softgrip_model.profile import load_directory
 
 PROFILES = Path(__file__).parents[3] / "softgrip_bringup" / "profiles"
@@ -20,13 +20,13 @@ PROFILES = Path(__file__).parents[3] / "softgrip_bringup" / "profiles"
 @pytest.mark.slow
 def test_calibration_on_the_wires_of_the_cell_betters_the_data_sheet(tmp_path, capsys):
     """As a person types it: servo and gauge on their ports, the gauge hung into the tendon of a finger."""
-    cell = EmulatedCell(load_directory(PROFILES), tmp_path, seed=4, gauge_on="index")
+    cell = EmulatedCell(load_directory(PROFILES), tmp_path, seed=4, gauge_on="index", speed=0.0)
     cell.plant.mount(["index"], ["a"], ["power"])
     with cell:
         code = calibrate_tension.main([
             "--port", str(tmp_path / "servos"), "--id", "1", "--gauge", str(tmp_path / "gauge"), "--tension", "9",
             "--travel", "0.025", "--speed", "0.015", "--rounds", "2", "--record", str(tmp_path / "samples.csv"),
-            "--reply-margin", "0.1",
+            "--lockstep", str(tmp_path / TIME_SOCKET),
         ])  # fmt: skip
         printed = capsys.readouterr().out
         assert code == 0, printed
