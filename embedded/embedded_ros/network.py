@@ -24,7 +24,7 @@ OVERRIDE_VARIABLE = "ZENOH_CONFIG_OVERRIDE"
 #: What ZENOH_CONFIG_OVERRIDE says of these is meant for the session of a process, not for a router that it hosts.
 _OF_SESSIONS = ("mode", "id", "connect", "listen")
 _KEEPER_PERIOD_S = 1.0
-_LEASE_MS = 2000
+_LEASE_MS = 10_000
 _ROUTER_DEADLINE_S = 10.0
 _LOOK_PERIOD_S = 0.002
 _PROBE_PERIOD_S = 0.1
@@ -40,7 +40,8 @@ _COMMON = {
     "transport/unicast/accept_timeout": 60_000,
     "transport/unicast/max_sessions": 10_000,
     "transport/unicast/accept_pending": 10_000,
-    # rmw_zenoh uses 60 s; a frozen process is to be noticed within 3 s (ROS 2 peers keep their own lease).
+    # Zenoh's own, and about that of DDS; rmw_zenoh uses 60 s. A shorter one takes a process for gone that a busy
+    # computer has given no processor for so long. Who must know of a frozen node sooner pings it.
     "transport/link/tx/lease": _LEASE_MS,
     "transport/link/tx/keep_alive": 4,
     # A Python receiver that has just been off the processor must not cost messages: 1 MB waits for it before any is

@@ -16,7 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from softgrip_driver.nodes.rig_safety import FollowedSafety, OwnSafety
+from softgrip_driver.nodes.rig_safety import MAX_ABSENCE_S, FollowedSafety, OwnSafety
 from softgrip_driver.tendon.safety_store import SafetyStore, SafetyStoreError
 from softgrip_interfaces.msg import SafetyState
 from softgrip_nodekit import LATCHED, standstill
@@ -115,6 +115,39 @@ def test_a_cell_that_is_gone_or_there_twice_stops_the_stand(bench: Bench) -> Non
     bench.person.destroy_publisher(publisher)
     # Well beyond the second that it may be gone, and within what a person would still call at once.
     wait_until(lambda: any("nobody publishes safety/state" in reason for reason in bench.stops), timeout_s=30.0)
+
+
+def test_a_driver_that_stands_still_stops_the_stand_long_before_the_middleware_misses_it(bench: Bench) -> None:
+    goes_on = threading.Event()
+    goes_on.set()
+    driver = Node("tendon_driver", context=bench.context)
+
+    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        goes_on.wait(TEST_TIMEOUT_S)
+        return response
+
+    driver.create_service(Trigger, "~/ping", answer)
+    driver.create_publisher(SafetyState, "safety/state", LATCHED).publish(SafetyState())
+    executor = SingleThreadedExecutor(context=bench.context)
+    executor.add_node(driver)
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    try:
+        safety = bench.follow()
+        wait_until(lambda: safety.refusal == "")
+        time.sleep(3 * MAX_ABSENCE_S)  # it answers: nothing stops
+        assert bench.stops == []
+        goes_on.clear()
+        stood_since = time.monotonic()
+        wait_until(lambda: any("does not answer its ping" in reason for reason in bench.stops))
+        assert time.monotonic() - stood_since > 0.7 * MAX_ABSENCE_S
+        goes_on.set()
+        wait_until(lambda: safety.refusal == "")
+    finally:
+        goes_on.set()
+        executor.shutdown()
+        thread.join()
+        driver.destroy_node()
 
 
 # --- a bench's own ----------------------------------------------------------------------------------------------------

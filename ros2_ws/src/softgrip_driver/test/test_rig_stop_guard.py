@@ -46,6 +46,14 @@ def test_a_publisher_that_is_gone_for_longer_than_it_may_be_stops_the_stand(guar
     assert guard.refusal(20.0) == ""
 
 
+def test_a_source_that_does_not_answer_stops_the_stand_until_it_does(guard):
+    guard.take_state(FREE)
+    guard.take_answering(is_answering=False)
+    assert "tendon_driver does not answer" in guard.refusal(0.0)
+    guard.take_answering(is_answering=True)
+    assert guard.refusal(0.0) == ""
+
+
 def test_two_publishers_of_which_each_would_undo_the_others_stop_stop_the_stand(guard):
     guard.take_state(FREE)
     guard.take_publishers(1, 0.0)

@@ -18,7 +18,7 @@ from softgrip_nodekit.diagnostics import Diagnostics, Health
 from softgrip_nodekit.errors import FatalError, StartupError, answer, startup_errors
 from softgrip_nodekit.event_time import StampedInputs, input_stamp_ns, lateness_parameter
 from softgrip_nodekit.executor import make_executor, with_message_info
-from softgrip_nodekit.health import HealthMonitor, HealthWatch
+from softgrip_nodekit.health import HealthMonitor, HealthWatch, Pings
 from softgrip_nodekit.node import CellNode, HardwareNode
 from softgrip_nodekit.node_io import GoalHandle, NodeIo, RecordingIo
 from softgrip_nodekit.parameters import Parameter, ParameterTable
@@ -49,6 +49,7 @@ __all__ = [
     "OrderGuard",
     "Parameter",
     "ParameterTable",
+    "Pings",
     "Rank",
     "RecordingIo",
     "StampedInputs",

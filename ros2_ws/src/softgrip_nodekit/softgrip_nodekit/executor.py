@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 import rclpy
+from rclpy.action import ActionClient, ActionServer
 from rclpy.context import Context
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
@@ -60,6 +61,18 @@ def _rclpy_version() -> tuple[int, ...]:
         return tuple(int(part) for part in metadata.version("rclpy").split(".")[:3])
     except (metadata.PackageNotFoundError, ValueError):
         return ()
+
+
+def destroy_node(node: Node) -> None:
+    """Destroy a node with its actions, which rclpy leaves to whoever made them.
+
+    While one of them is left the node stays in the middleware, and its threads run into the end of the process: the
+    security plugins of Cyclone DDS then meet an OpenSSL that has been cleaned up, and end the process by SIGSEGV.
+    """
+    for waitable in list(node.waitables):
+        if isinstance(waitable, ActionServer | ActionClient):
+            waitable.destroy()
+    node.destroy_node()
 
 
 def end_context(context: Context | None = None) -> None:

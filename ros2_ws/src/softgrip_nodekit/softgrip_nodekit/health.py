@@ -67,17 +67,17 @@ class HealthWatch:
         return sorted(self._silent)
 
 
-class HealthMonitor:
-    """Ping nodes at their ``~/ping`` (`run` makes it) and say who falls silent, from a node and thread of its own.
+class Pings:
+    """Ask nodes for a sign of life at their ``~/ping`` (`run` makes it), one ping at a time.
 
     Args:
-        node: that watches; its name with "_health" is that of the node that pings.
-        names: of the nodes, relative to the node's namespace or absolute.
-        period: [s] between pings.
+        node: that asks; its executor takes the answers.
+        names: of the nodes, as services are named beside ``resolved_by``.
+        period: [s] between two looks.
         limit: [s] without an answer.
-        on_silent: called with the name of a node that has not answered for ``limit``, on the monitor's thread.
-        on_back: called with its name when it answers again.
         now_s: monotonic clock of the limit [s]; in an emulated cell its time, which waits for a node that is only late.
+        resolved_by: whose namespace and remappings hold for the names; None = ``node``.
+        callback_group: that takes the answers; None = the node's default one.
     """
 
     def __init__(
@@ -87,24 +87,19 @@ class HealthMonitor:
         period: float = PING_PERIOD_S,
         limit: float = SILENCE_LIMIT_S,
         *,
-        on_silent: Callable[[str], None],
-        on_back: Callable[[str], None],
         now_s: Callable[[], float] = time.monotonic,
+        resolved_by: Node | None = None,
+        callback_group: Any = None,
     ) -> None:
         self._now_s = now_s
         self._limit = limit
-        self._on_silent = on_silent
-        self._on_back = on_back
         self._lock = threading.Lock()
         self._watch = HealthWatch(names, limit, max_gap_s=3.0 * period)
         self._pings: dict[str, tuple[Any, float]] = {}
-        self._isolated = IsolatedNode(node, "health", callback_errors(node).report)
-        watching = self._isolated.node
+        resolve = (resolved_by or node).resolve_service_name
         self._clients = {
-            name: watching.create_client(Trigger, node.resolve_service_name(f"{name}/ping")) for name in names
+            name: node.create_client(Trigger, resolve(f"{name}/ping"), callback_group=callback_group) for name in names
         }
-        steady_timer(watching, period, self._tick)
-        self._isolated.start()
 
     @property
     def silent(self) -> list[str]:
@@ -112,16 +107,13 @@ class HealthMonitor:
         with self._lock:
             return self._watch.silent
 
-    def _tick(self) -> None:
+    def find_changes(self) -> HealthChange:
+        """Ping who is not being asked already; return who has fallen silent and who is back."""
         now = self._now_s()
         for name, client in self._clients.items():
             self._ping(name, client, now)
         with self._lock:
-            change = self._watch.find_changes(now)
-        for name in change.silent:
-            self._on_silent(name)
-        for name in change.back:
-            self._on_back(name)
+            return self._watch.find_changes(now)
 
     def _ping(self, name: str, client: Any, now: float) -> None:
         sent = self._pings.get(name)
@@ -139,6 +131,49 @@ class HealthMonitor:
         if future.exception() is None:
             with self._lock:
                 self._watch.take_answer(name, self._now_s())
+
+
+class HealthMonitor:
+    """Ping nodes and say who falls silent, from a node and thread of its own.
+
+    Args:
+        node: that watches; its name with "_health" is that of the node that pings.
+        names: of the nodes, relative to the node's namespace or absolute.
+        period, limit, now_s: as for `Pings`.
+        on_silent: called with the name of a node that has not answered for ``limit``, on the monitor's thread.
+        on_back: called with its name when it answers again.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        names: Sequence[str],
+        period: float = PING_PERIOD_S,
+        limit: float = SILENCE_LIMIT_S,
+        *,
+        on_silent: Callable[[str], None],
+        on_back: Callable[[str], None],
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._on_silent = on_silent
+        self._on_back = on_back
+        self._isolated = IsolatedNode(node, "health", callback_errors(node).report)
+        watching = self._isolated.node
+        self._asked = Pings(watching, names, period, limit, now_s=now_s, resolved_by=node)
+        steady_timer(watching, period, self._tick)
+        self._isolated.start()
+
+    @property
+    def silent(self) -> list[str]:
+        """Names of the nodes that do not answer now."""
+        return self._asked.silent
+
+    def _tick(self) -> None:
+        change = self._asked.find_changes()
+        for name in change.silent:
+            self._on_silent(name)
+        for name in change.back:
+            self._on_back(name)
 
     def close(self) -> None:
         """Stop watching."""

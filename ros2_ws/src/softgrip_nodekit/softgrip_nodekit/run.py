@@ -22,7 +22,7 @@ from rclpy.node import Node
 from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S, CallbackErrors, callback_errors
 from softgrip_nodekit.cell_time import CellFollower, await_cell, join_cell_time
 from softgrip_nodekit.errors import FatalError, StartupError
-from softgrip_nodekit.executor import end_context, make_executor
+from softgrip_nodekit.executor import destroy_node, end_context, make_executor
 from softgrip_nodekit.guards import guard_parameter_services, serve_ping, settle_time
 from softgrip_nodekit.node import CellNode, HardwareNode
 from softgrip_nodekit.priority import REALTIME_PRIORITY, claim_processor, own_threads
@@ -39,6 +39,11 @@ CLOSING_S = 10.0
 STDERR = 2
 #: [s] for which a thread may keep Python to itself while others want it; Python's own is five times as long.
 SWITCH_INTERVAL = 0.001
+#: DDS says of what a key does not permit that it failed "for unknown reasons".
+_SECURE_HINT = (
+    "the cell is secure: what its keys do not permit can not be made. Compare them with the access policy by "
+    "`ros2 run softgrip_security keys FOLDER --check`; `make keys` writes the rules anew"
+)
 #: Marks an error that has been counted.
 _COUNTED = "softgrip_is_counted"
 #: Begin the names of values that are none of the node's parameters: what a publisher or subscription declares when it
@@ -148,6 +153,8 @@ def _name_of(node: Node | None, factory: Callable[[], Node]) -> str:
 
 def _cannot_start(name: str, error: Exception) -> int:
     print(f"[{name}] cannot start: {error}", file=sys.stderr, flush=True)  # noqa: T201  the log may be down
+    if os.environ.get("ROS_SECURITY_ENABLE") == "true" and not isinstance(error, StartupError):
+        print(f"[{name}] {_SECURE_HINT}", file=sys.stderr, flush=True)  # noqa: T201
     return CANNOT_START
 
 
@@ -217,6 +224,8 @@ def _leave(node: CellNode | None, executor: Any) -> None:
         # whole cell: this ends the process all the same (code 1), with what it was waiting for on stderr.
         faulthandler.dump_traceback_later(SHUTDOWN_TIMEOUT_S, exit=True, file=STDERR)
         if node is not None:
-            node.destroy_node()
+            destroy_node(node)
         end_context()
+        # What Python keeps until the process has ended the middleware keeps as well (`destroy_node` says what follows).
+        gc.unfreeze()
         faulthandler.cancel_dump_traceback_later()

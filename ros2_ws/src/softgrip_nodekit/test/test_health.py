@@ -130,7 +130,7 @@ def test_a_frozen_executor_is_named_while_its_node_is_still_on_the_graph(
         on_back=lambda name: reported.append(("back", name)),
     )
     try:
-        wait_until(lambda: len(monitor._watch._answered) == 2)
+        wait_until(lambda: len(monitor._asked._watch._answered) == 2)
         manager.go_on.clear()
         wait_until(lambda: reported == [("silent", "manager")])
         assert monitor.silent == ["manager"]
@@ -179,7 +179,7 @@ def test_a_monitor_that_stood_still_blames_nobody(
         return time.monotonic() + stood_s
 
     watching = monitor(reported, limit=30.0, now_s=now_s)
-    wait_until(lambda: bool(watching._watch._answered))
+    wait_until(lambda: bool(watching._asked._watch._answered))
     stood_s = 3600.0
     wait_until(lambda: read_at.count(stood_s) > 20)
     assert reported == []
@@ -197,9 +197,9 @@ def test_a_node_that_stands_still_is_asked_once_in_its_time(
         return read_at[-1]
 
     watching = monitor(reported, limit=60.0, now_s=now_s)
-    wait_until(lambda: bool(watching._watch._answered))
+    wait_until(lambda: bool(watching._asked._watch._answered))
     asked: list[Any] = []
-    client = watching._clients["manager"]
+    client = watching._asked._clients["manager"]
     ask = client.call_async
     manager.go_on.clear()
     client.call_async = lambda request: (asked.append(request), ask(request))[1]
@@ -215,7 +215,7 @@ def test_who_comes_back_as_another_process_is_heard_though_a_ping_was_lost(
     reported: list[tuple[str, str]] = []
     watching = monitor(reported, limit=0.3)
     first = watched("manager", "/cell")
-    wait_until(lambda: bool(watching._watch._answered))
+    wait_until(lambda: bool(watching._asked._watch._answered))
     first.go_on.clear()
     wait_until(lambda: watching.silent == ["manager"])
     first.drop()
@@ -228,12 +228,12 @@ def test_a_ping_that_failed_is_no_answer(monitor: Callable[..., HealthMonitor]) 
     watching = monitor([])
     failed: Future[Any] = Future()
     failed.set_exception(RuntimeError("cannot be decoded"))
-    watching._take_answer("manager", failed)
-    assert watching._watch._answered == {}
+    watching._asked._take_answer("manager", failed)
+    assert watching._asked._watch._answered == {}
     given: Future[Any] = Future()
     given.set_result(Trigger.Response())
-    watching._take_answer("manager", given)
-    assert list(watching._watch._answered) == ["manager"]
+    watching._asked._take_answer("manager", given)
+    assert list(watching._asked._watch._answered) == ["manager"]
 
 
 def test_a_ping_is_answered_with_success(driver: Node) -> None:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 import time
@@ -8,7 +9,9 @@ from collections.abc import Callable
 
 import pytest
 import rclpy
+from control_msgs.action import GripperCommand
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.action import ActionClient, ActionServer
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 
 from softgrip_nodekit import (
@@ -185,6 +188,46 @@ def test_errors_of_one_place_say_one_line_and_old_places_are_forgotten() -> None
     for number in range(1000):
         fail(type(f"Error{number}", (Exception,), {}))
     assert len(errors._said) == 64
+
+
+class Acting(CellNode):
+    """Has actions, which rclpy's destroy_node leaves to whoever made them."""
+
+    def __init__(self) -> None:
+        super().__init__("acting")
+        ActionServer(self, GripperCommand, "act", execute_callback=lambda _: GripperCommand.Result())
+        ActionClient(self, GripperCommand, "act")
+        self.create_timer(0.01, rclpy.shutdown)
+        self.left: list[object] | None = None
+
+    def destroy_node(self) -> None:
+        self.left = [one for one in self.waitables if isinstance(one, ActionServer | ActionClient)]
+        super().destroy_node()
+
+
+def test_nothing_of_a_node_is_left_in_the_middleware_when_its_process_ends() -> None:
+    made: list[Acting] = []
+
+    def make() -> Acting:
+        made.append(Acting())
+        return made[0]
+
+    assert run(make, []) == 0
+    assert made[0].left == []
+    assert gc.get_freeze_count() == 0, "what is frozen is never collected, and keeps its part of the middleware"
+
+
+def test_a_node_that_a_key_does_not_permit_says_how_to_compare_the_keys(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def refused() -> CellNode:
+        raise RuntimeError("Failed to create publisher: failed to create topic for unknown reasons")
+
+    assert run(refused, []) == CANNOT_START
+    assert "--check" not in capfd.readouterr().err
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    assert run(refused, []) == CANNOT_START
+    assert "softgrip_security keys FOLDER --check" in capfd.readouterr().err
 
 
 CLINGING = """

@@ -105,13 +105,18 @@ class Keystore:
         return self.make(days)
 
     def warnings(self) -> list[str]:
-        """Return what is wrong or soon will be: open files, certificates that have run out, identities without keys.
+        """Return what is wrong or soon will be: open files, another policy, certificates that end, missing keys.
 
         Raises:
             SecurityError: there is no keystore here.
         """
         self._require()
         found = [text for path in sorted(self._folder.rglob("*")) if (text := exposure(path)) is not None]
+        if not self._policy_file.is_file() or self._policy_file.read_bytes() != sros2.policy_xml(self._policy):
+            found.append(
+                f"{self._policy_file}: expected the rules of this access policy and namespace, found others: what is "
+                "new in the policy is refused; write the rules anew with `make keys`, which replaces no key"
+            )
         for name, enclave in self._enclaves().items():
             try:
                 credential = _read(enclave / "cert.pem", enclave / "key.pem")
@@ -130,6 +135,10 @@ class Keystore:
         return found
 
     # -- folders and files ------------------------------------------------------------------------------------------
+
+    @property
+    def _policy_file(self) -> Path:
+        return self._folder / "policy.xml"
 
     @property
     def _ca_key(self) -> Path:
@@ -215,7 +224,7 @@ class Keystore:
     # -- what follows from policy and keys ------------------------------------------------------------------------
 
     def _write_dds(self, authority: Credential) -> None:
-        self._write(self._folder / "policy.xml", sros2.policy_xml(self._policy))
+        self._write(self._policy_file, sros2.policy_xml(self._policy))
         self._write_signed(authority, self._folder / "enclaves" / "governance", sros2.governance_xml())
         for name, enclave in self._enclaves().items():
             credential = _read(enclave / "cert.pem", enclave / "key.pem")

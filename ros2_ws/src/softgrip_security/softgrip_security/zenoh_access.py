@@ -221,9 +221,8 @@ def _common(policy: Policy, enclave: Path) -> dict[str, Any]:
             },
             "link": {
                 "protocols": ["tls"],
-                # a frozen process is noticed within 3 s
                 "tx": {
-                    "lease": 2_000,
+                    "lease": 10_000,
                     "keep_alive": 4,
                     "queue": {
                         "size": {"data": 16},

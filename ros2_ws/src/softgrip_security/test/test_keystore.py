@@ -196,3 +196,13 @@ def test_the_command_makes_checks_and_renews(folder, capsys):
 def test_what_is_no_host_is_refused(folder, policy, host):
     with pytest.raises(SecurityError, match="host"):
         Keystore(folder, policy, [host]).make()
+
+
+def test_keys_of_an_older_policy_are_named_and_written_anew_without_a_new_key(folder, policy):
+    older = Policy(policy.identities[:-1])
+    Keystore(folder, older).make()
+    keys = snapshot(folder)
+    (text,) = [text for text in Keystore(folder, policy).warnings() if "policy.xml" in text]
+    assert "`make keys`" in text
+    assert Keystore(folder, policy).make().warnings == ()
+    assert keys.items() <= snapshot(folder).items()

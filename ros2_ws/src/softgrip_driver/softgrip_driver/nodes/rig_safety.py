@@ -14,9 +14,12 @@ from softgrip_driver.rig.stop_guard import HeardState, StopGuard
 from softgrip_driver.tendon.safety import Safety
 from softgrip_driver.tendon.safety_store import SafetyStore, SafetyStoreError
 from softgrip_interfaces.msg import SafetyState
-from softgrip_nodekit import LATCHED, UrgentServer, steady_timer
+from softgrip_nodekit import LATCHED, Pings, UrgentServer, duration_clock, steady_timer
+from softgrip_time.units import NANOSECONDS
 
-#: [s] without a publisher of safety/state before the stand stops, and between looks
+#: Who publishes safety/state.
+SOURCE = "tendon_driver"
+#: [s] without a publisher of safety/state, or an answer of it, before the stand stops, and between looks
 MAX_ABSENCE_S = 1.0
 LOOK_PERIOD_S = 0.2
 
@@ -40,6 +43,15 @@ class FollowedSafety:
         self._node = node
         self._on_stop = on_stop
         node.create_subscription(SafetyState, "safety/state", self._on_state, LATCHED, callback_group=group)
+        # A process that stands still stays in the graph for as long as the middleware's lease: 10 s, or 60 s.
+        self._source = Pings(
+            node,
+            [SOURCE],
+            LOOK_PERIOD_S,
+            MAX_ABSENCE_S,
+            now_s=lambda: duration_clock(node).now().nanoseconds / NANOSECONDS,
+            callback_group=group,
+        )
         self._timer = steady_timer(node, LOOK_PERIOD_S, self._look)
 
     @property
@@ -57,6 +69,8 @@ class FollowedSafety:
         self._check()
 
     def _look(self) -> None:
+        self._source.find_changes()
+        self._guard.take_answering(is_answering=not self._source.silent)
         self._guard.take_publishers(self._node.count_publishers("safety/state"), time.monotonic())
         self._check()
 

@@ -24,8 +24,9 @@ class HeardState:
 class StopGuard:
     """What the stand has heard, and what follows from it.
 
-    It does not move before it has heard a state, and stops when nobody is left who would publish a change, or when
-    several publish, of whom each would undo another one's stop: a stop that can not arrive is as good as one that did.
+    It does not move before it has heard a state, and stops when nobody is left who would publish a change, when who
+    does so does not answer, or when several publish, of whom each would undo another one's stop: a stop that can not
+    arrive is as good as one that did.
 
     Args:
         max_absence_s: [s] without a publisher after which the stand stops.
@@ -36,6 +37,7 @@ class StopGuard:
         self._heard: HeardState | None = None
         self._absent_since: float | None = None
         self._publishers = 1
+        self._is_answering = True
 
     def take_state(self, state: HeardState) -> None:
         """Take a published state."""
@@ -49,6 +51,10 @@ class StopGuard:
         elif self._absent_since is None:
             self._absent_since = now
 
+    def take_answering(self, *, is_answering: bool) -> None:
+        """Take whether the node that publishes the state answers its ping, or has never been asked."""
+        self._is_answering = is_answering
+
     def refusal(self, now: float) -> str:
         """Return why the stand may not move at a steady time [s], empty when it may."""
         heard = self._heard
@@ -61,8 +67,14 @@ class StopGuard:
             return f"the emergency stop is on ({heard.stop_reason}); make the cell safe, then call estop_reset"
         if heard.is_locked:
             return f"the cell is locked by {heard.lock_owner}; wait until the same owner calls tendon/unlock"
+        return self._source_refusal(now)
+
+    def _source_refusal(self, now: float) -> str:
+        """Return why a stop could not arrive."""
         if self._publishers > 1:
             return f"{self._publishers} nodes publish safety/state, expected one: each would undo another one's stop"
         if self._absent_since is not None and now - self._absent_since > self._max_absence_s:
             return "nobody publishes safety/state any more, so a stop could not arrive; see why tendon_driver has gone"
+        if not self._is_answering:
+            return "tendon_driver does not answer its ping, so a stop could not arrive; see what it waits for"
         return ""
