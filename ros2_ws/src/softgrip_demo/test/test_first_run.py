@@ -247,6 +247,13 @@ def test_two_servos_with_one_id_are_named(bus: Bus) -> None:
     assert found["thumb, ID 2"].found == "nobody"
 
 
+def test_a_servo_whose_plug_came_off_is_named_by_the_plug_first(bus: Bus) -> None:
+    bus.servos[1].is_connected = False
+    (figure,) = wrong(IdsStep(bus.bench))
+    assert (figure.name, figure.found) == ("thumb, ID 2", "nobody")
+    assert figure.remedy.index("plugs at both ends of its cable") < figure.remedy.index("`id` in the cell file")
+
+
 def test_a_servo_at_another_baud_rate_is_named(bus: Bus) -> None:
     bus.servos[1].registers.put("baud_rate", 1)
     (figure,) = wrong(IdsStep(bus.bench))
