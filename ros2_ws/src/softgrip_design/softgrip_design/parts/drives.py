@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from softgrip_design.parts import foot
-from softgrip_design.parts.forms import Bore, Form, PartError, Point2, Prism, circle, rectangle
+from softgrip_design.parts.forms import Bore, Form, PartError, Point2, Point3, Prism, circle, rectangle
 from softgrip_design.parts.printing import NOZZLE_MM
 
 
@@ -145,6 +145,17 @@ def _lift_mm(face: ServoFace) -> float:
     return PLATE_MM - face.horn_mm + PLAY_MM
 
 
+def _pitch_mm(face: ServoFace, spool_radius_mm: float) -> float:
+    """Return the distance between the axes of neighbours."""
+    return max(face.case_mm[0], 2.0 * (spool_radius_mm + RIM_HEIGHT_MM)) + NEIGHBOUR_MM
+
+
+def horn_places_mm(face: ServoFace, spool_radius_mm: float, count: int) -> list[Point3]:
+    """Return where the spools stand on the horns, in the plate's frame."""
+    pitch = _pitch_mm(face, spool_radius_mm)
+    return [(pitch * (k - 0.5 * (count - 1)), 0.0, face.horn_mm) for k in range(count)]
+
+
 def servo_plate(face: ServoFace, spool_radius_mm: float, count: int) -> Form:
     """Return the plate for a number of servos side by side.
 
@@ -154,8 +165,8 @@ def servo_plate(face: ServoFace, spool_radius_mm: float, count: int) -> Form:
         count: of servos.
     """
     rim = spool_radius_mm + RIM_HEIGHT_MM
-    pitch = max(face.case_mm[0], 2.0 * rim) + NEIGHBOUR_MM
-    axes = [pitch * (k - 0.5 * (count - 1)) for k in range(count)]
+    axes = [x for x, _, _ in horn_places_mm(face, spool_radius_mm, count)]
+    pitch = _pitch_mm(face, spool_radius_mm)
     top = max(face.axis_mm, rim) + PLAY_MM
     low, high = face.axis_mm - face.case_mm[1] - 2.0 * RIM_MM, top + RAIL_MM
     half = 0.5 * pitch * count + 2.0 * RIM_MM
