@@ -272,6 +272,7 @@ def test_a_wrong_supply_is_named(bus: Bus) -> None:
     for servo in bus.servos:
         servo.shaft.supply_v = 7.4
     assert {figure.found for figure in wrong(SupplyStep(bus.bench))} == {"7.4 V"}
+    assert all("switch off and use another supply" in figure.remedy for figure in wrong(SupplyStep(bus.bench)))
 
 
 def test_an_adapter_with_its_16_ms_is_named(tmp_path: Path) -> None:

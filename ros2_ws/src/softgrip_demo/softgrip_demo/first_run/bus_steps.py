@@ -193,7 +193,13 @@ class SupplyStep:
             for servo in chain.chain:
                 model = model_of(servo)
                 volts = bus.read(servo.servo_id, reg.PRESENT_VOLTAGE, attempts=3) * reg.VOLT_PER_UNIT
-                yield within(f"{servo.tendon}: supply", volts, model.voltage_range, "V", SUPPLY_REMEDY)
+                low, high = model.voltage_range
+                remedy = (
+                    f"a {model.name} takes {low:g} to {high:g} V: switch off and use another supply"
+                    if volts > high
+                    else "use a stronger supply and shorter leads, or one of a higher voltage"
+                )
+                yield within(f"{servo.tendon}: supply", volts, model.voltage_range, "V", remedy)
                 degc = float(bus.read(servo.servo_id, reg.PRESENT_TEMPERATURE, attempts=3))
                 remedy = "let it cool down; something may press on its tendon"
                 yield at_most(f"{servo.tendon}: temperature", degc, model.temperature_limit - 15.0, "degC", remedy)

@@ -30,6 +30,8 @@ from softgrip_vision.v4l2_controls import ControlSettings
 
 Array = NDArray[np.float64]
 
+#: [s] for a frame: somebody waits, and a computer that has just been set up may be busy
+FRAME_TIMEOUT_S = 10.0
 #: frames that are looked at
 FRAMES = 8
 #: frames from before the check that are passed over: more than the buffers of driver and network hold
@@ -103,7 +105,8 @@ class BenchCamera:
             camera.white_balance_k or 0,
             -1 if camera.power_line_hz is None else camera.power_line_hz,
         )
-        options = SourceOptions(camera.width or 0, camera.height or 0, camera.fps or 0.0, controls=controls)
+        size = (camera.width or 0, camera.height or 0, camera.fps or 0.0)
+        options = SourceOptions(*size, timeout=FRAME_TIMEOUT_S, controls=controls)
         name = dereference(camera.source) if camera.source.startswith("@") else camera.source
         if name is None:
             raise FirstRunError(f"camera: expected the name of a camera in {camera.source}, found none; is it running?")
