@@ -141,6 +141,16 @@ def test_the_hand_and_the_servo_plate_are_named_in_the_picture() -> None:
         assert (one[:, :2].max(axis=0) < plate[:, :2].max(axis=0)).all()
 
 
+@pytest.mark.parametrize("face", drives.FACES, ids=lambda face: face.name)
+def test_plate_and_spool_of_every_servo_are_solids(face: drives.ServoFace) -> None:
+    for form in (drives.servo_plate(face, 16.0, 3), drives.spool(face, 16.0, 0.125, 3)):
+        solid = make_solid(form)
+        assert body_of(solid.vertices, solid.triangles).status() == manifold3d.Error.NoError
+    # six holes of the drawing lie where the plate leaves material: between horn and the case's edge
+    for x, y in face.frame_holes:
+        assert np.hypot(x, y) > face.horn_radius_mm + drives.PLAY_MM + face.frame_radius_mm
+
+
 @pytest.mark.skipif(shutil.which("prusa-slicer") is None, reason="no PrusaSlicer here (apt-get install prusa-slicer)")
 def test_the_cube_weighs_what_its_product_does(tmp_path: Path) -> None:
     write_part(make_solid(bench.grasp_cube()), tmp_path)
