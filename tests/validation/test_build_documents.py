@@ -61,6 +61,8 @@ def test_figures_of_the_pages_are_those_of_the_code() -> None:
     assert f"| {camera_steps.MAX_EDGE_SHARE:g} |" in camera
     assert f"| {camera_steps.MAX_MARKER_OFFSET_M * 1e3:g} mm |" in camera
     assert f"| {LARGEST_RMS:g} px; {camera_steps.MAX_LINK_ERROR_M * 1e3:g} mm |" in camera
+    assert f"| {camera_steps.MAX_STALE_FRAMES} of them |" in camera
+    assert f"| {camera_steps.MIN_PICTURE_LEVEL:g} grey levels |" in camera
     assert f"known to {100 * bus_steps.MAX_TENSION_SHARE:g} %" in servos
     assert "2 walls, 30 % infill" in (ROOT / "docs/build/printing.md").read_text()
     printing, bill = ((ROOT / f"docs/build/{name}.md").read_text() for name in ("printing", "bill"))
