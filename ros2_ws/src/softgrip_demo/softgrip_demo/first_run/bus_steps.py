@@ -137,8 +137,20 @@ class IdsStep:
                         f"{who}: servos with this ID", "several" if is_shared else "1", "1", SHARED_ID_REMEDY
                     )
                     error = HardwareError(bus.read(servo.servo_id, reg.HARDWARE_ERROR, attempts=3))
-                    remedy = f"remove the cause, then `ros2 run softgrip_driver setup --id {servo.servo_id} --reboot`"
+                    options = f"--port {chain.port} --baud {bus.port.baudrate} --id {servo.servo_id} --reboot"
+                    remedy = f"{_cause_of(error, servo)}, then `ros2 run softgrip_driver setup {options}`"
                     yield equal_to(f"{who}: hardware error", error.name or "none", "none", remedy)
+
+
+def _cause_of(error: HardwareError, servo: ChainServo) -> str:
+    """Return what to remove before a servo is rebooted."""
+    low, high = model_of(servo).voltage_range
+    causes = {
+        HardwareError.INPUT_VOLTAGE: f"its supply is or was not {low:g} to {high:g} V: use one that is",
+        HardwareError.OVERHEATING: "let it cool down",
+        HardwareError.OVERLOAD: "free its tendon",
+    }
+    return "; ".join(text for bit, text in causes.items() if bit in error) or "remove the cause"
 
 
 @dataclass(frozen=True)
