@@ -227,7 +227,8 @@ def measure(folder: Path, count: int, python: str) -> None:
               note=f"largest of every h, l, r, opening, link, width, height; STEP read by gmsh; {fingers}; median "
               f"{statistics.median(errors):.2g} um")  # fmt: skip
     started = time.perf_counter()
-    kit = whole_kit(load_directory(shipped_directory())["power"], HAND, 10.0).others
+    whole = whole_kit(load_directory(shipped_directory())["power"], HAND, 10.0)
+    kit = (*whole.others, *(form for other in whole.instead for form in other.forms))
     paths = [path for form in kit for path in write_part(make_solid(form), folder)]
     hand_s = time.perf_counter() - started + 3.0 * statistics.median(made.seconds)
     (folder / "five").mkdir()

@@ -67,7 +67,7 @@ def terminal(two_environments: tuple[dict[str, str], dict[str, str]], tmp_path: 
 
 
 def test_the_rehearsal_has_the_commands_of_the_pages_that_it_stands_for() -> None:
-    _, wizard, _, _, first_run = blocks("rehearsal.md")
+    _, wizard, _, _, first_run = blocks("rehearsal.md")[:5]
     real = command("servos.md", "wizard")
     real[real.index("--port") + 1] = "wires/servos"
     assert words(wizard) == [*real, "--lockstep", "wires/time"]
@@ -78,7 +78,7 @@ def test_the_rehearsal_has_the_commands_of_the_pages_that_it_stands_for() -> Non
 @pytest.mark.long
 @pytest.mark.timeout(600)
 def test_from_the_boxes_to_the_first_grasp(terminal: Open, tmp_path: Path) -> None:
-    bench, wizard, plug_in, sections, first_run = blocks("rehearsal.md")
+    bench, wizard, plug_in, sections, first_run = blocks("rehearsal.md")[:5]
     at_bench = terminal(bench)
     assert at_bench.read_until(("wires in wires",), 60.0), at_bench.text
     at_wizard = terminal(wizard)

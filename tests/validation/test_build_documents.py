@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from types import ModuleType
@@ -12,9 +13,11 @@ import pytest
 from softgrip_demo.first_run import bus_steps, camera_steps
 from softgrip_demo.first_run.cube import TEST_CUBE
 from softgrip_design.parts import drives
+from softgrip_design.parts.bill import TURNS
 from softgrip_driver.damiao import frames as damiao
 from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_driver.feetech import registers as feetech
+from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.wizard.direction import MIN_PULL_N, SpoolPull
 from softgrip_driver.wizard.tensioning import SETTLED_M, TensioningPlan
 from softgrip_driver.wizard.wizard import WizardSettings
@@ -58,10 +61,32 @@ def test_figures_of_the_pages_are_those_of_the_code() -> None:
     assert f"| {camera_steps.MAX_EDGE_SHARE:g} |" in camera
     assert f"| {camera_steps.MAX_MARKER_OFFSET_M * 1e3:g} mm |" in camera
     assert f"| {LARGEST_RMS:g} px; {camera_steps.MAX_LINK_ERROR_M * 1e3:g} mm |" in camera
+    assert f"| {camera_steps.MAX_STALE_FRAMES} of them |" in camera
+    assert f"| {camera_steps.MIN_PICTURE_LEVEL:g} grey levels |" in camera
     assert f"known to {100 * bus_steps.MAX_TENSION_SHARE:g} %" in servos
+    assert "2 walls, 30 % infill" in (ROOT / "docs/build/printing.md").read_text()
     printing, bill = ((ROOT / f"docs/build/{name}.md").read_text() for name in ("printing", "bill"))
     assert f"{TEST_CUBE.size_m[0] * 1e3:g} mm" in printing
     assert f"{TEST_CUBE.mass_kg * 1e3:g} g" in printing
     for name in ("XL330-M288", "XC330-M288"):
         assert f"{MODELS[name].stall_torque:g} N m" in bill
     assert f"(three XL330: {3 * MODELS['XL330-M288'].stall_current:.1f} A)" in bill
+
+
+def test_the_turns_on_a_spool_are_those_of_its_radius_and_the_tendons_way() -> None:
+    """One number of turns on every page; what homing and closing take of it or add follows from the spool's size."""
+    limits, one_turn_m = TendonLimits(), 2.0 * math.pi * WizardSettings(Path()).spool_radius_m
+    winding, bench = (ROOT / "docs/build/winding.md").read_text(), (ROOT / "docs/bench.md").read_text()
+    assert TURNS == 3.0
+    assert "wind three turns side by side" in winding
+    assert "Wind three turns, side by side" in bench
+    assert "3 turns on it while the finger is straight" in (ROOT / "docs/parts.md").read_text()
+    assert f"one turn is {1e3 * one_turn_m:.0f} mm" in winding
+    for length_m, sign in ((limits.slack_travel, -1), (limits.travel, 1), (limits.homing_travel, 1)):
+        turns = length_m / one_turn_m
+        assert f"| {1e3 * length_m:g} mm, {turns:.1f} turn | {TURNS + sign * turns:.1f} |" in winding
+    assert limits.homing_travel < one_turn_m, "less than one turn more"
+    min_turns, max_turns = TURNS - limits.slack_travel / one_turn_m, TURNS + limits.homing_travel / one_turn_m
+    assert math.exp(2.0 * math.pi * round(min_turns, 1) * 0.1) == pytest.approx(6.2, abs=0.05)
+    assert f"{max_turns:.1f} turns\nof 0.25 mm are {max_turns * 0.25:.0f} mm wide" in winding
+    assert f"in a groove of {drives.GROOVE_MM:g} mm" in winding

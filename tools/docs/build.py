@@ -131,10 +131,10 @@ def spool() -> str:
     drawing.text(292, 178, "this way round pulls:", RUST)
     drawing.text(292, 196, "direction 1 where the servo counts up, else -1;", RUST)
     drawing.text(292, 214, "the wizard finds it", RUST)
-    turns = f"{bill.TURNS:g} turns stay on it, side by side in the groove of {drives.GROOVE_MM:g} mm"
+    turns = f"{bill.TURNS:g} turns while the finger is straight, side by side in the groove of {drives.GROOVE_MM:g} mm"
     drawing.text(20, 288, turns)
     travel = f"homing lets out {1e3 * limits.slack_travel:g} mm and winds in {1e3 * limits.homing_travel:g} mm at most"
-    drawing.text(20, 310, f"{travel}: leave so much tendon")
+    drawing.text(20, 310, travel)
     return drawing.svg()
 
 

@@ -10,9 +10,8 @@ import sys
 from pathlib import Path
 from string import Template
 
-import cv2
-
 from softgrip_description.hand import shipped_hand
+from softgrip_design.commands.parts import SPOOL_RADIUS_MM
 from softgrip_design.parts import bench, bill, drives, finger_form, foot, printing
 from softgrip_design.parts.assembly import assembly_picture
 from softgrip_design.parts.drawing import figure_of, write_svg
@@ -24,7 +23,6 @@ from softgrip_model.profile import load, shipped_directory
 
 ROOT = Path(__file__).resolve().parents[2]
 FIGURES = ROOT / "docs/figures"
-PICTURE_PX = 520
 
 
 def assumed_rows() -> list[tuple[str, str, str]]:
@@ -35,7 +33,8 @@ def assumed_rows() -> list[tuple[str, str, str]]:
     section = f"{2.0 * foot.HALF_WIDTH_MM:g} x {foot.Y_MM[1] - foot.Y_MM[0]:g} x {foot.LENGTH_MM:g} mm"
     shoulder = f"{foot.MIN_SHOULDER_MM:g} mm behind joint 0 or {foot.DEPTH_MM:g} mm below the palm's face"
     sheath = f"PTFE 2 x 3 mm, {foot.SHEATH_DEPTH_MM:g} mm deep in the foot; {bill.SHEATH_M} m long"
-    reel = f"groove {drives.GROOVE_MM:g} mm, rims {drives.RIM_HEIGHT_MM} mm; {bill.TURNS:g} turns stay on it"
+    turns = f"{bill.TURNS:g} turns on it while the finger is straight"
+    reel = f"groove {drives.GROOVE_MM:g} mm, rims {drives.RIM_HEIGHT_MM} mm; {turns}"
     block = f"contact radius {bench.SURFACE_RADIUS_MM:g} mm (section 3.2.1), {bench.BLOCK_WIDTH_MM:g} mm wide"
     return [
         ("channel", channel, "smaller ones print shut"),
@@ -51,7 +50,7 @@ def assumed_rows() -> list[tuple[str, str, str]]:
         ("cross pin", f"M3 through a hole of {2.0 * foot.PIN_RADIUS_MM:g} mm", "one screw a swap"),
         ("sheath", sheath, "servos stand beside the arm"),
         ("play of a foot", f"{printing.CLEARANCE_MM} mm each side", "usual for filament printers"),
-        ("spool", reel, "radius as the driver's spool_radii_m"),
+        ("spool", reel, "radius as the driver's spool_radii_m; turns: [winding](build/winding.md)"),
         ("guide block", block, "the block's faces are the cable's tangents"),
     ]
 
@@ -62,6 +61,8 @@ def render() -> str:
     return Template(Path(__file__).with_name("parts.md.in").read_text(encoding="utf-8")).substitute(
         faces=", ".join(model for face in drives.FACES for model in face.models),
         without="; ".join(f"{model}: {reason}" for model, reason in drives.WITHOUT_PLATE.items()),
+        cube=f"{bench.CUBE_MM:g}",
+        cube_g=f"{bench.CUBE_G:g}",
         angles=f"{bench.WRAP_ANGLES_DEG[0]} to {bench.WRAP_ANGLES_DEG[-1]}",
         assumed="\n".join(f"| {' | '.join(row)} |" for row in assumed_rows()),
         weakened=f"{100.0 * printing.LAYER_MM / (1e3 * strip.width_m):.1f}",
@@ -75,13 +76,15 @@ def render() -> str:
 def draw() -> None:
     """Write the pictures."""
     hand, profile = shipped_hand(), load(shipped_directory() / "power.yaml")
+    cable_mm = 1e3 * profile.cable.radius_m
     fingers = fingers_of(profile, hand, profile.slots)
     write_svg(figure_of(fingers["index"]), FIGURES / "parts_index.svg")
     solids = {finger.form.name: make_solid(finger.form, finger.channels) for finger in fingers.values()}
-    solids |= {form.name: make_solid(form) for form in palm_forms(hand)}
-    picture = assembly_picture(hand, solids)
-    size = (PICTURE_PX, round(PICTURE_PX * picture.shape[0] / picture.shape[1]))
-    write(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), FIGURES / "parts_hand.png")
+    face, count = drives.FACES[0], len(hand.slots)
+    drive = [drives.servo_plate(face, SPOOL_RADIUS_MM, count), drives.spool(face, SPOOL_RADIUS_MM, cable_mm, count)]
+    solids |= {form.name: make_solid(form) for form in (*palm_forms(hand), *drive)}
+    horns = drives.horn_places_mm(face, SPOOL_RADIUS_MM, count)
+    write(assembly_picture(hand, solids, horns), FIGURES / "parts_hand.png")
 
 
 def main() -> int:

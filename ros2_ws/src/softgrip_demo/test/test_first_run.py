@@ -247,6 +247,13 @@ def test_two_servos_with_one_id_are_named(bus: Bus) -> None:
     assert found["thumb, ID 2"].found == "nobody"
 
 
+def test_a_servo_whose_plug_came_off_is_named_by_the_plug_first(bus: Bus) -> None:
+    bus.servos[1].is_connected = False
+    (figure,) = wrong(IdsStep(bus.bench))
+    assert (figure.name, figure.found) == ("thumb, ID 2", "nobody")
+    assert figure.remedy.index("plugs at both ends of its cable") < figure.remedy.index("`id` in the cell file")
+
+
 def test_a_servo_at_another_baud_rate_is_named(bus: Bus) -> None:
     bus.servos[1].registers.put("baud_rate", 1)
     (figure,) = wrong(IdsStep(bus.bench))
@@ -265,6 +272,25 @@ def test_a_wrong_supply_is_named(bus: Bus) -> None:
     for servo in bus.servos:
         servo.shaft.supply_v = 7.4
     assert {figure.found for figure in wrong(SupplyStep(bus.bench))} == {"7.4 V"}
+    assert all("switch off and use another supply" in figure.remedy for figure in wrong(SupplyStep(bus.bench)))
+
+
+@pytest.mark.parametrize(
+    ("bit", "cause"),
+    [
+        (0x01, "its supply is or was not 3.7 to 6 V"),
+        (0x20, "free its tendon"),
+        (0x04, "let it cool down"),
+        (0x10, "remove"),
+    ],
+)  # bits: e-manual XL330-M288, Hardware Error Status (70)
+def test_a_hardware_error_is_named_with_what_causes_it(bus: Bus, bit: int, cause: str) -> None:
+    bus.servos[0].forced_error_bits = bit
+    bus.servos[0].step(0.0, 0.001)
+    (figure,) = wrong(IdsStep(bus.bench))
+    assert cause in figure.remedy
+    port = bus.bench.chain.port
+    assert f"`ros2 run softgrip_driver setup --port {port} --baud 1000000 --id 1 --reboot`" in figure.remedy
 
 
 def test_an_adapter_with_its_16_ms_is_named(tmp_path: Path) -> None:

@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -13,7 +15,9 @@ import pytest
 
 from softgrip_demo.errors import FirstRunError
 from softgrip_demo.first_run.camera_steps import (
+    FRAMES,
     MAX_EDGE_SHARE,
+    MAX_STALE_FRAMES,
     BenchCamera,
     ExposureStep,
     FocusStep,
@@ -22,6 +26,7 @@ from softgrip_demo.first_run.camera_steps import (
 )
 from softgrip_demo.first_run.figures import Figure
 from softgrip_description.cell_file import CellCamera
+from softgrip_emulator.camera.stream import FrameBoard, StreamServer
 from softgrip_model.profile import shipped_directory
 from softgrip_testing.synthetic_images import Conditions, Occluder, SyntheticScene, make_calibration
 from softgrip_vision import calibration
@@ -137,3 +142,95 @@ def test_a_camera_without_calibration_plane_or_frames_is_named(tmp_path: Path) -
         list(FocusStep(camera).measure())
     with pytest.raises(FirstRunError, match=r"expected the plane of 'thumb', found \['index'\]"):
         list(MarkersStep(BenchCamera(camera.camera, finger="thumb")).measure())
+
+
+# --- a camera that repeats its last frame, as a server of motion JPEG does --------------------------------------------
+
+
+def jpeg_of(blur: float, angle: float = 0.0) -> bytes:
+    scene = SyntheticScene(CALIBRATION, {"index": CHAIN})
+    image = scene.render({"index": np.full(CHAIN.joints, angle)}, Conditions(noise=2.0, blur=blur)).image
+    return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1])
+
+
+class LiveCamera:
+    """A stream whose newest frame is an old one until somebody looks; then others come.
+
+    Args:
+        old, new: JPEG files.
+        lag_s: by which its clock is behind the computer's.
+    """
+
+    def __init__(self, old: bytes, new: bytes, lag_s: float = 0.0) -> None:
+        self._board, self._ended = FrameBoard(), threading.Event()
+        self._board.pin(old, time.time() - 60.0)
+        self._server = StreamServer(self._board)
+        self._server.start()
+        self.url = self._server.url
+        self._thread = threading.Thread(target=self._run, args=(new, lag_s))
+        self._thread.start()
+
+    def _run(self, new: bytes, lag_s: float) -> None:
+        while not self._ended.wait(0.02):
+            if self._board.viewers:
+                self._board.pin(new, time.time() - lag_s)
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._server.close()
+
+
+Film = Callable[..., BenchCamera]
+
+
+@pytest.fixture
+def film(tmp_path: Path) -> Iterator[Film]:
+    """Make a bench whose camera has an old frame, and others from when somebody looks."""
+    opened: list[LiveCamera] = []
+
+    def make(old: bytes, new: bytes, lag_s: float = 0.0) -> BenchCamera:
+        opened.append(LiveCamera(old, new, lag_s))
+        calibration.save(CALIBRATION, tmp_path / "camera.yaml")
+        return BenchCamera(CellCamera(opened[-1].url, tmp_path / "camera.yaml"))
+
+    yield make
+    for one in opened:
+        one.close()
+
+
+def test_a_frame_of_before_the_focus_was_turned_is_not_judged(film: Film) -> None:
+    camera = film(jpeg_of(blur=5.0), jpeg_of(blur=1.0))
+    assert wrong(list(FocusStep(camera).measure())) == []
+    assert len(camera.frames) == FRAMES
+
+
+def test_a_frame_of_before_the_finger_was_put_straight_is_not_judged(film: Film) -> None:
+    camera = film(jpeg_of(1.0, angle=math.radians(12.0)), jpeg_of(1.0))
+    assert wrong(list(MarkersStep(camera).measure())) == []
+
+
+def test_a_good_frame_of_before_does_not_hide_what_is_wrong_now(film: Film) -> None:
+    assert wrong(list(FocusStep(film(jpeg_of(1.0), jpeg_of(5.0))).measure()))
+
+
+def test_a_camera_whose_clock_is_behind_is_named(film: Film) -> None:
+    camera = film(jpeg_of(1.0), jpeg_of(1.0), lag_s=3600.0)
+    with pytest.raises(FirstRunError, match=rf"found {MAX_STALE_FRAMES} that say they are 3\d{{3}}\.\d s older.*NTP"):
+        list(FocusStep(camera).measure())
+
+
+def test_markers_that_go_out_of_sight_are_named_not_the_exposure(tmp_path: Path, bench: Bench) -> None:
+    camera = bench(gains=(1.0, 1.0, 1.0))
+    cv2.imwrite(str(tmp_path / "frames" / "1.png"), np.full((720, 1280, 3), 60, np.uint8))
+    (figure,) = wrong(list(ExposureStep(camera).measure()))
+    assert (figure.name, figure.found, figure.bound) == ("frames that show a marker", "2", "3")
+    assert "lens free" in figure.remedy
+    assert "exposure_s" not in figure.remedy
+
+
+def test_a_lens_under_its_cap_is_named(tmp_path: Path, bench: Bench) -> None:
+    camera = bench()
+    cv2.imwrite(str(tmp_path / "frames" / "0.png"), np.full((720, 1280, 3), 6, np.uint8))
+    with pytest.raises(FirstRunError, match=r"found a dark one .* take the cap off the lens"):
+        list(ExposureStep(camera).measure())

@@ -13,13 +13,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, save_cell
 from softgrip_description.hand import load_hand, shipped_hand
+from softgrip_design.commands import parts
 from softgrip_design.parts import bench, drives, foot, forms
-from softgrip_design.parts.bill import SHEATH_M, bill_text, bought_rows, cable_m, printed_rows
+from softgrip_design.parts.bill import SHEATH_M, bill_text, bought_rows, cable_m, instead_rows, printed_rows
 from softgrip_design.parts.finger_form import FingerForm, finger_form, strip_depth_mm
 from softgrip_design.parts.forms import Bore, PartError, circle, corners, polygon, rectangle, segments
 from softgrip_design.parts.kit import Kit, fingers_of, whole_kit
 from softgrip_design.parts.palm import finger_pose, palm_forms, palm_seat
+from softgrip_design.parts.picture import BACKGROUND, INK, NAME_ROOM_PX, PictureBody, draw
 from softgrip_design.parts.printing import CLEARANCE_MM, MATERIALS, NOZZLE_MM
 from softgrip_design.parts.solid import Solid
 from softgrip_model.profile import FingerDesign, ProfileError, load_directory, shipped_directory
@@ -208,14 +211,15 @@ def test_holes_lie_on_the_servo_and_a_spool_keeps_its_radius(face: drives.ServoF
     for x, y in face.frame_holes:
         assert abs(x) < 0.5 * face.case_mm[0]
         assert low < y < high
-    made_spool = drives.spool(face, 10.0, 0.125, 3)
+    radius = max(10.0, math.ceil(drives.min_spool_radius_mm(face, 0.125)))
+    made_spool = drives.spool(face, radius, 0.125, 3)
     radii = {round(max(c.x_mm for c in body.outline), 6) for body in made_spool.bodies}
-    assert 10.0 - 0.125 in radii
-    plate = drives.servo_plate(face, 10.0, 3)
+    assert radius - 0.125 in radii
+    plate = drives.servo_plate(face, radius, 3)
     ways = [bore.start[0] for bore in plate.bores if bore.radius_mm == drives.CABLE_RADIUS_MM]
     axes = [bore.start[0] for bore in plate.bores if bore.radius_mm == face.horn_radius_mm + drives.PLAY_MM]
     # the cable leaves the spool at a tangent, straight into its sheath
-    assert [axis - way for axis, way in zip(axes, ways, strict=True)] == pytest.approx([10.0] * 3)
+    assert [axis - way for axis, way in zip(axes, ways, strict=True)] == pytest.approx([radius] * 3)
     with pytest.raises(PartError, match="screws of the horn need a wall"):
         drives.spool(face, face.horn_holes[1] + 1.0, 0.125, 3)
 
@@ -225,7 +229,7 @@ def test_the_screws_of_the_bill_reach_into_horn_and_case_and_no_further(face: dr
     found = {text.split(", ")[1].split()[0]: text for text, _ in face.screws}
     lengths = {use: float(text.split(" x ")[1].split()[0].rstrip(",")) for use, text in found.items()}
     into_horn = lengths["spool"] - drives.spool_height_mm(face)
-    assert 1.0 < into_horn < face.horn_mm + 0.5
+    assert 1.0 < into_horn < (face.horn_thread_mm or face.horn_mm + 0.5)
     assert 1.5 < lengths["plate"] - drives.PLATE_MM < 7.0
     number = {text.split(", ")[1].split()[0]: number for text, number in face.screws}
     assert number == {"plate": len(face.frame_holes), "spool": face.horn_holes[0]}
@@ -233,7 +237,7 @@ def test_the_screws_of_the_bill_reach_into_horn_and_case_and_no_further(face: dr
 
 def test_a_drive_without_a_plate_is_refused_with_the_reason() -> None:
     assert drives.face_of("XC430-W240").name == "x430"
-    with pytest.raises(PartError, match=r"XM540-W270: there is no plate for it: .* could not be read"):
+    with pytest.raises(PartError, match=r"XM540-W270: there is no plate for it: no drawing of its front"):
         drives.face_of("XM540-W270")
     with pytest.raises(PartError, match="expected one of XL330-M288"):
         drives.face_of("SG90")
@@ -252,9 +256,7 @@ def test_the_kit_names_every_part_once_and_the_bill_adds_up() -> None:
     kit = whole_kit(SETS["power"], HAND, 10.0)
     names = [form.name for form in kit.forms]
     assert len(set(names)) == len(names)
-    assert {"finger_index", "palm", "servo_plate_x330", "spool_x430", "guide_block_90_tpu", "camera_stand"} <= set(
-        names
-    )
+    assert {"finger_index", "palm", "servo_plate_x330", "guide_block_90_tpu", "camera_stand", "test_cube"} <= set(names)
     straight = {name: SETS["power"].finger(name).length_m for name in kit.fingers}
     assert cable_m(kit, 10.0) > sum(straight.values()) + 3 * SHEATH_M
     solid = Solid(kit.others[0], None, np.zeros((0, 3)), np.zeros((0, 3), np.int32), 100_000.0)
@@ -264,6 +266,121 @@ def test_the_kit_names_every_part_once_and_the_bill_adds_up() -> None:
     text = bill_text("x", [row], bought_rows(kit, 10.0))
     assert "| screw M3 x 25 | 3 |" in text
     assert "124.0" in text
+
+
+def full(form: forms.Form) -> Solid:
+    """A solid of 1 cm3."""
+    return Solid(form, None, np.zeros((0, 3)), np.zeros((0, 3), np.int32), 1000.0)
+
+
+@pytest.mark.parametrize("face", drives.FACES, ids=lambda face: face.name)
+def test_the_bill_is_for_the_chosen_servo_and_says_what_others_would_take(face: drives.ServoFace) -> None:
+    kit = whole_kit(SETS["power"], HAND, 16.0, face=face)
+    mine = {f"servo_plate_{face.name}", f"spool_{face.name}"}
+    assert {form.name for form in kit.forms if form.name.startswith(("servo_plate", "spool"))} == mine
+    others = {form.name: full(form) for one in kit.instead for form in one.forms}
+    assert {one.face for one in kit.instead} == set(drives.FACES) - {face}
+    text = bill_text("x", printed_rows([full(form) for form in kit.forms]), bought_rows(kit, 16.0, face, "MY-SERVO"),
+                     instead_rows(kit.instead, others))  # fmt: skip
+    sums, _, below = text.partition("Other servos instead")
+    assert sums.count("| plate for 3 ") == 1
+    assert sums.count("| spool of 16 mm ") == 1
+    assert "| servo MY-SERVO | 3 |" in sums
+    for other in set(drives.FACES) - {face}:
+        # a plate and three spools of 1 cm3 in PLA, 1.24 g/cm3
+        assert f"| {' or '.join(other.models)} | 5.0 | " in below
+        assert f"{3 * other.screws[0][1]} {other.screws[0][0]}" in below
+
+
+def test_a_spool_that_only_another_servo_forbids_is_made() -> None:
+    kit = whole_kit(SETS["power"], HAND, 8.0)
+    problems = [row[3] for row in instead_rows(kit.instead, {f.name: full(f) for o in kit.instead for f in o.forms})]
+    assert any("expected a radius of at least" in problem for problem in problems)
+    with pytest.raises(PartError, match=r"expected a radius of at least 15\.6[23] mm"):  # 13.5 + 1.6 + 0.4 + 0.125
+        whole_kit(SETS["power"], HAND, 10.0, face=drives.face_of("DM-J4310-2EC"))
+
+
+def test_the_servo_is_that_of_the_cell_file(tmp_path: Path) -> None:
+    def drive(*models: str, options: tuple[str, ...] = (), radius_m: float | None = 0.012) -> object:
+        rows = tuple(ChainServo(f"t{n}", model, n, spool_radius_m=radius_m) for n, model in enumerate(models, start=1))
+        save_cell(CellFile("real", servos=ServoChain("/dev/x", 1_000_000, rows)), tmp_path / "cell.yaml")
+        chosen = parts._drive(
+            parts.parser().parse_args(["power", "--cell-file", str(tmp_path / "cell.yaml"), *options])
+        )
+        return chosen.model, chosen.face.name, chosen.spool_radius_mm
+
+    assert drive("STS3215", "STS3215") == ("STS3215", "sts3215", 12.0)
+    assert drive("XL330-M288", "XC330-M288", radius_m=None) == ("XL330-M288 or XC330-M288", "x330", 10.0)
+    assert drive("STS3215", options=("--servo", "XM430-W210", "--spool-radius-mm", "11")) == (
+        "XM430-W210",
+        "x430",
+        11.0,
+    )
+    with pytest.raises(PartError, match="expected servos with one front, found XL330-M288, STS3215"):
+        drive("XL330-M288", "STS3215")
+    assert parts._drive(parts.parser().parse_args(["power"])).model == "XL330-M288"
+
+
+@pytest.mark.parametrize("model", sorted(drives.WITHOUT_PLATE))
+def test_a_servo_without_a_plate_is_refused_by_the_reason(model: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert parts.main(["power", "--servo", model]) == 2
+    assert drives.WITHOUT_PLATE[model] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("powr", "expected one of hook, pinch, power, or a profile file (.yaml), found 'powr'; did you mean 'power'?"),
+        ("zzz", "expected one of hook, pinch, power, or a profile file (.yaml), found 'zzz'\n"),
+    ],
+)
+def test_a_misspelt_profile_is_answered_by_the_nearest(
+    name: str, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert parts.main([name]) == 2
+    assert text in capsys.readouterr().err
+
+
+def box(low: tuple[float, float, float], high: tuple[float, float, float], name: str) -> PictureBody:
+    corner = np.array(list(itertools.product(*zip(low, high, strict=True))))
+    faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6), (0, 2, 6),
+             (0, 6, 4), (1, 5, 7), (1, 7, 3)]  # fmt: skip
+    return PictureBody(corner, np.array(faces, np.int32), (10, 200, 10), name)
+
+
+def test_a_name_stands_beside_the_picture_with_a_line_to_what_is_seen() -> None:
+    """Two boxes side by side, seen from above; a third one lies hidden below the first and gets no line."""
+    left, right = box((0.0, 0.0, 0.0), (40.0, 40.0, 10.0), "left"), box((60.0, 0.0, 0.0), (100.0, 40.0, 10.0), "right")
+    hidden = box((5.0, 5.0, -20.0), (35.0, 35.0, -10.0), "hidden")
+    picture = draw([left, right, hidden], np.eye(3), 700)
+    ink = (picture < 100).all(axis=2)
+    beside = (ink[:, :NAME_ROOM_PX], ink[:, -NAME_ROOM_PX:])
+    assert all(side.any() for side in beside)
+    green = (picture[:, :, 1] > 150) & (picture[:, :, 0] < 100)
+    assert not green[:, :NAME_ROOM_PX].any()
+    for side, columns in ((0, slice(NAME_ROOM_PX, 350)), (1, slice(350, 700 - NAME_ROOM_PX))):
+        rows, found = np.nonzero(ink[:, columns])
+        boxes = np.nonzero(green[:, columns])
+        middle = 0.5 * (boxes[1].min() + boxes[1].max())
+        reach = found.max() if side == 0 else found.min()
+        assert abs(reach - middle) < 6, "the line ends on the middle of the box"
+        assert rows.min() > boxes[0].min()
+    unnamed = draw([dataclasses.replace(left, name=""), dataclasses.replace(right, name="")], np.eye(3), 700)
+    assert (unnamed[:, 0] == BACKGROUND).all()
+    assert not (unnamed == INK).all(axis=2).any()
+    only = draw([left, right, dataclasses.replace(hidden, name="")], np.eye(3), 700)
+    assert (only == picture).all()
+
+
+def test_the_cube_is_as_large_as_it_says() -> None:
+    cube = bench.grasp_cube()
+    (body,) = cube.bodies
+    points = np.array([(corner.x_mm, corner.y_mm) for corner in body.outline])
+    assert np.ptp(points, axis=0) == pytest.approx([45.0, 45.0])
+    assert body.end_mm - body.start_mm == 45.0
+    assert (MATERIALS[cube.material].settings["perimeters"], MATERIALS[cube.material].settings["fill_density"]) == (
+        "2", "30%",
+    )  # fmt: skip
 
 
 def test_the_cable_of_a_finger_is_as_long_as_its_straight_pieces() -> None:

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,9 @@ import pytest
 
 from softgrip_description.hand import shipped_hand
 from softgrip_design.commands import parts
+from softgrip_design.parts import bench, drives
+from softgrip_design.parts.assembly import assembly_bodies
+from softgrip_design.parts.files import write_part
 from softgrip_design.parts.forms import Bore, Form, PartError, Prism, rectangle
 from softgrip_design.parts.kit import fingers_of
 from softgrip_design.parts.palm import finger_pose, palm_forms
@@ -117,6 +122,44 @@ def test_one_finger_from_profile_to_files(tmp_path: Path, capsys: pytest.Capture
     assert "<svg" in drawing
     for text in ("h0 = 2.550", "l1 = 10.000", "r3 = 7.910", "link 0 = 40.000", "90.00°"):
         assert f">{text}<" in drawing
+
+
+def test_the_hand_and_the_servo_plate_are_named_in_the_picture() -> None:
+    face = drives.FACES[0]
+    horns = drives.horn_places_mm(face, 10.0, 3)
+    forms = (*palm_forms(HAND), drives.servo_plate(face, 10.0, 3), drives.spool(face, 10.0, 0.125, 3))
+    solids = {form.name: make_solid(form) for form in forms}
+    bodies = assembly_bodies(HAND, solids, horns)
+    assert [body.name for body in bodies] == ["palm", "plate to the arm", "servo plate", "spools", "", ""]
+    palm, _, plate, *spools = (body.vertices for body in bodies)
+    assert plate[:, 0].min() > palm[:, 0].max()
+    # each spool stands over a horn's hole of its plate: apart from each other, inside the plate's outline
+    middles = [0.5 * (one.min(axis=0) + one.max(axis=0)) for one in spools]
+    assert np.diff([middle[1] for middle in middles]) == pytest.approx([horns[1][0] - horns[0][0]] * 2)
+    for one in spools:
+        assert (one[:, :2].min(axis=0) > plate[:, :2].min(axis=0)).all()
+        assert (one[:, :2].max(axis=0) < plate[:, :2].max(axis=0)).all()
+
+
+@pytest.mark.parametrize("face", drives.FACES, ids=lambda face: face.name)
+def test_plate_and_spool_of_every_servo_are_solids(face: drives.ServoFace) -> None:
+    for form in (drives.servo_plate(face, 16.0, 3), drives.spool(face, 16.0, 0.125, 3)):
+        solid = make_solid(form)
+        assert body_of(solid.vertices, solid.triangles).status() == manifold3d.Error.NoError
+    # six holes of the drawing lie where the plate leaves material: between horn and the case's edge
+    for x, y in face.frame_holes:
+        assert np.hypot(x, y) > face.horn_radius_mm + drives.PLAY_MM + face.frame_radius_mm
+
+
+@pytest.mark.skipif(shutil.which("prusa-slicer") is None, reason="no PrusaSlicer here (apt-get install prusa-slicer)")
+def test_the_cube_weighs_what_its_product_does(tmp_path: Path) -> None:
+    write_part(make_solid(bench.grasp_cube()), tmp_path)
+    gcode = tmp_path / "cube.gcode"
+    command = ["prusa-slicer", "--export-gcode", "--output", str(gcode), str(tmp_path / "test_cube.3mf")]
+    subprocess.run(command, capture_output=True, check=True, timeout=120)
+    grams = re.search(r"^; total filament used \[g\] = ([0-9.]+)", gcode.read_text(), re.MULTILINE)
+    assert grams is not None
+    assert float(grams[1]) == pytest.approx(bench.CUBE_G, rel=0.1)
 
 
 def test_a_profile_that_cannot_be_made_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

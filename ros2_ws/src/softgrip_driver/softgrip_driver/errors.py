@@ -3,6 +3,13 @@
 
 from __future__ import annotations
 
+#: what to do about a servo that does not answer while others do: most often it is a plug
+MISSING_SERVO_REMEDY = (
+    "press in the plugs at both ends of its cable, and see that its LED flashes when the supply comes on; if they "
+    "sit well it has another ID: correct its `id` in the cell file (parameter servo_ids), or give it the "
+    "expected one"
+)
+
 
 class DriverError(Exception):
     """Base of everything this package raises on purpose."""

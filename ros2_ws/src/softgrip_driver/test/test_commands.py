@@ -9,6 +9,8 @@ import signal
 
 import numpy as np
 import pytest
+from serial.tools import list_ports
+from serial.tools.list_ports_common import ListPortInfo
 
 from softgrip_driver.commands import calibrate_tension, common, scan, selftest, setup, tension_recording
 from softgrip_driver.commands.selftest import Measurement, causes, latency_timer
@@ -50,6 +52,33 @@ def test_scan_of_nothing_says_what_to_check(chain, capsys, tmp_path):
     assert "check power, cable and adapter" in capsys.readouterr().err
     assert scan.main(["--port", str(tmp_path / "none"), "--wait", "0.02"]) == 1
     assert "expected a free serial port" in capsys.readouterr().err
+
+
+def test_scan_without_an_adapter_says_so(chain, capsys, monkeypatch):
+    monkeypatch.setattr(list_ports, "comports", list)
+    assert scan.main([]) == 1
+    out, err = capsys.readouterr()
+    assert "expected a USB adapter such as a U2D2, found no serial port; plug its USB cable in" in err
+    assert "no servo answered" not in err
+    assert out == ""
+    port, _ = chain()
+    monkeypatch.setattr(list_ports, "comports", lambda: [ListPortInfo(port)])
+    assert scan.main(["--baud", "57600", "--wait", "0.02"]) == 1
+    assert f"found only ports of the computer itself ({port}); plug" in capsys.readouterr().err
+
+
+def test_scan_of_a_usb_adapter_says_nothing_of_a_missing_one(chain, capsys, monkeypatch):
+    port, _ = chain(("xl330_m288", 1, 57_600))
+    adapter = ListPortInfo(port)
+    adapter.vid, adapter.pid = 0x0403, 0x6014  # FT232H: FTDI's default numbers, as a U2D2 has them
+    monkeypatch.setattr(list_ports, "comports", lambda: [adapter])
+    assert scan.main(["--baud", "57600", "--wait", "0.1"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_scan_of_a_port_that_is_not_there_does_not_blame_the_servos(capsys, tmp_path):
+    assert scan.main(["--port", str(tmp_path / "none"), "--wait", "0.02"]) == 1
+    assert "no servo answered" not in capsys.readouterr().err
 
 
 def test_setup_gives_a_new_servo_its_id_and_baud_rate(chain, capsys):

@@ -123,7 +123,7 @@ def test_bring_up_from_factory_settings(wired, mode):
             [(1, 1_000_000), (3, 1_000_000), (1, 57_600)],
             r"ID 1, 3 instead, and ID 1 at 57600 baud \(as new\); set each with .*setup --port .* --new-baud 1000000",
         ),
-        ([(7, 1_000_000)], r"ID 7 instead; correct the parameter servo_ids"),
+        ([(7, 1_000_000)], r"ID 7 instead; press in the plugs .* correct its `id` in the cell file .*setup --new-id"),
         ([(7, 1_000_000), (7, 1_000_000)], r"several servos with ID 7; connect them one at a time"),
         ([], r"nobody at any baud rate; check power and cable; .*LED stays lit.*DYNAMIXEL Wizard"),
     ],

@@ -13,7 +13,7 @@ from softgrip_description.cell_file import load_cell, node_parameters, read_ship
 from softgrip_driver.commands import wizard as command
 from softgrip_driver.commands.person import TerminalPerson, WrittenAnswers, read_answers
 from softgrip_driver.configuration import checked_configuration
-from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError, WrongDeviceError
+from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError, PortLostError, WrongDeviceError
 from softgrip_driver.wizard.direction import SpoolPull, find_direction
 from softgrip_driver.wizard.tensioning import TensioningPlan
 from softgrip_driver.wizard.wizard import SetupWizard, WizardSettings
@@ -296,6 +296,23 @@ def test_a_model_that_needs_other_limits_gets_them(fresh, model, homing_n, mode)
     assert cell.parameters["tendon_driver"]["homing_tension_n"] == homing_n
     assert cell.parameters["tendon_driver"].get("operating_mode") == mode
     checked_configuration(values)
+
+
+def test_a_servo_whose_plug_came_off_is_named_by_the_plug_first(fresh):
+    bench = fresh()
+    named_chain(bench)
+    Hands(bench.plant).connect("middle", connected=False)
+    with pytest.raises(DeviceNotFoundError, match=r"middle: .* found ID 1, 3 instead; press in the plugs .* its `id`"):
+        bench.wizard(Hands(bench.plant)).run()
+
+
+def test_a_port_that_can_not_be_opened_is_named_before_anybody_is_asked_for_a_servo(fresh, tmp_path):
+    bench = fresh()
+    hands = Hands(bench.plant)
+    with pytest.raises(PortLostError, match="expected a free serial port"):
+        bench.wizard(hands, port=str(tmp_path / "none")).run()
+    assert hands.asked == []
+    assert "! port: " in hands.text
 
 
 def test_the_command_over_its_options_says_what_is_missing(tmp_path, capsys):

@@ -27,6 +27,7 @@ from softgrip_emulator.time_server import GIVE_UP_S, TimeServer
 from softgrip_emulator.wire.faulty import FaultyWire
 from softgrip_emulator.wire.folder import open_wire_folder
 from softgrip_emulator.wire.pty import DrivenPort
+from softgrip_emulator.wire.usb_adapter import UsbAdapter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -91,6 +92,7 @@ class EmulatedCell:
         gauge_on: str = "",
         stage: str = "mark10",
         gauge: str = "gcl2",
+        adapter_latency_s: float = 0.0,
     ) -> None:
         """Prepare a cell; nothing exists before `open`.
 
@@ -108,6 +110,7 @@ class EmulatedCell:
             gauge_on: slot whose tendon the force gauge hangs in; empty = the rig's cable.
             stage: of the rig, as `EmulatedRig` names it.
             gauge: likewise.
+            adapter_latency_s: latency timer of the servos' USB adapter [s], 0 = none.
 
         Raises:
             EmulatorError: no such slot.
@@ -132,7 +135,8 @@ class EmulatedCell:
             expected=expected,
             is_busy=self._is_exposing,
         )
-        self.bus_port = DrivenPort(wire_dir / "servos", self.bus_wire, self.clock, wake=self.time_server.wake)
+        self.adapter = UsbAdapter(self.bus_wire, adapter_latency_s)
+        self.bus_port = DrivenPort(wire_dir / "servos", self.adapter, self.clock, wake=self.time_server.wake)
         self._ports = [self.bus_port]
         self._on_tick = on_tick
         self._settings = camera or CameraSettings()
@@ -141,7 +145,7 @@ class EmulatedCell:
         self._exposed_s = self._exposure_due_s = 0.0
         self._exposing_since = 0.0
         self.faults = FaultBoard(
-            FaultyDevices(self.clock, self.plant, self.bus_wire, self.bus_port, self.camera, self.rig)
+            FaultyDevices(self.clock, self.plant, self.bus_wire, self.adapter, self.bus_port, self.camera, self.rig)
         )
 
     def open(self) -> Self:

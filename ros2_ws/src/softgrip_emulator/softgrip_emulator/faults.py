@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from softgrip_emulator.rig import EmulatedRig
     from softgrip_emulator.wire.faulty import FaultyWire
     from softgrip_emulator.wire.pty import DrivenPort
+    from softgrip_emulator.wire.usb_adapter import UsbAdapter
 
     Undo = Callable[[], None]
     Cause = Callable[..., Undo]
@@ -143,6 +144,7 @@ class FaultyDevices:
     clock: SetClock
     plant: CellPlant
     bus_wire: FaultyWire
+    adapter: UsbAdapter
     bus_port: DrivenPort
     camera: CameraProcess
     rig: EmulatedRig
@@ -302,6 +304,10 @@ def _bytes_delayed(cell: FaultyDevices, delay_s: float = 0.05, share: float = 1.
     return cell.overrides.set(cell.bus_wire.faults, delay_s=float(delay_s), delayed=float(share))
 
 
+def _adapter_latency(cell: FaultyDevices, latency_s: float = 0.016) -> Undo:
+    return cell.overrides.set(cell.adapter, latency_s=float(latency_s))
+
+
 def _crc_error(cell: FaultyDevices, share: float = 1.0) -> Undo:
     return cell.overrides.set(cell.bus_wire.faults, spoiled=float(share))
 
@@ -401,6 +407,14 @@ def _camera_overexposed(cell: FaultyDevices, gain: float = 3.0) -> Undo:
     return cell.overrides.set(cell.camera.faults, gain=float(gain))
 
 
+def _camera_defocused(cell: FaultyDevices, blur_px: float = 5.0) -> Undo:
+    return cell.overrides.set(cell.camera.faults, blur_px=float(blur_px))
+
+
+def _marker_missing(cell: FaultyDevices, marker: int = 2) -> Undo:
+    return cell.overrides.set(cell.camera.faults, missing_marker=int(marker))
+
+
 def _room_temperature(cell: FaultyDevices, temperature_c: float = 30.0) -> Undo:
     return cell.overrides.set(cell.plant, temperature_c=float(temperature_c))
 
@@ -440,8 +454,14 @@ CAMERA_FAULTS: dict[str, Cause] = {
     "camera_dropped": _camera_dropped,
     "camera_dark": _camera_dark,
     "camera_overexposed": _camera_overexposed,
+    "camera_defocused": _camera_defocused,
+    "marker_missing": _marker_missing,
 }
 """Faults of the camera."""
 
-HANDS: dict[str, Cause] = {"gauge_in_tendon": _gauge_in_tendon, "room_temperature": _room_temperature}
+HANDS: dict[str, Cause] = {
+    "adapter_latency": _adapter_latency,
+    "gauge_in_tendon": _gauge_in_tendon,
+    "room_temperature": _room_temperature,
+}
 """What a person does at the bench or to the room, through the same door; no plan draws it."""

@@ -137,8 +137,20 @@ class IdsStep:
                         f"{who}: servos with this ID", "several" if is_shared else "1", "1", SHARED_ID_REMEDY
                     )
                     error = HardwareError(bus.read(servo.servo_id, reg.HARDWARE_ERROR, attempts=3))
-                    remedy = f"remove the cause, then `ros2 run softgrip_driver setup --id {servo.servo_id} --reboot`"
+                    options = f"--port {chain.port} --baud {bus.port.baudrate} --id {servo.servo_id} --reboot"
+                    remedy = f"{_cause_of(error, servo)}, then `ros2 run softgrip_driver setup {options}`"
                     yield equal_to(f"{who}: hardware error", error.name or "none", "none", remedy)
+
+
+def _cause_of(error: HardwareError, servo: ChainServo) -> str:
+    """Return what to remove before a servo is rebooted."""
+    low, high = model_of(servo).voltage_range
+    causes = {
+        HardwareError.INPUT_VOLTAGE: f"its supply is or was not {low:g} to {high:g} V: use one that is",
+        HardwareError.OVERHEATING: "let it cool down",
+        HardwareError.OVERLOAD: "free its tendon",
+    }
+    return "; ".join(text for bit, text in causes.items() if bit in error) or "remove the cause"
 
 
 @dataclass(frozen=True)
@@ -193,7 +205,13 @@ class SupplyStep:
             for servo in chain.chain:
                 model = model_of(servo)
                 volts = bus.read(servo.servo_id, reg.PRESENT_VOLTAGE, attempts=3) * reg.VOLT_PER_UNIT
-                yield within(f"{servo.tendon}: supply", volts, model.voltage_range, "V", SUPPLY_REMEDY)
+                low, high = model.voltage_range
+                remedy = (
+                    f"a {model.name} takes {low:g} to {high:g} V: switch off and use another supply"
+                    if volts > high
+                    else "use a stronger supply and shorter leads, or one of a higher voltage"
+                )
+                yield within(f"{servo.tendon}: supply", volts, model.voltage_range, "V", remedy)
                 degc = float(bus.read(servo.servo_id, reg.PRESENT_TEMPERATURE, attempts=3))
                 remedy = "let it cool down; something may press on its tendon"
                 yield at_most(f"{servo.tendon}: temperature", degc, model.temperature_limit - 15.0, "degC", remedy)

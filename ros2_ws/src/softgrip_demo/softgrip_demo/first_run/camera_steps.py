@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,10 +16,13 @@ from numpy.typing import NDArray
 from softgrip_demo.errors import FirstRunError
 from softgrip_demo.first_run.figures import Figure, at_least, at_most, equal_to
 from softgrip_description.cell_file import CellCamera
+from softgrip_time import Clock, WallClock
+from softgrip_time.units import to_s
 from softgrip_vision import calibration
 from softgrip_vision.calibrating.plane import LARGEST_RMS
 from softgrip_vision.calibration import CameraCalibration, FingerPlane, PlaneMap
 from softgrip_vision.colour import ColourModel, Image
+from softgrip_vision.frame import FrameSource
 from softgrip_vision.layout import ChainLayout, read_chains
 from softgrip_vision.sources import open_source
 from softgrip_vision.sources.opening import SourceOptions, dereference
@@ -28,8 +30,14 @@ from softgrip_vision.v4l2_controls import ControlSettings
 
 Array = NDArray[np.float64]
 
+#: [s] for a frame: somebody waits, and a computer that has just been set up may be busy
+FRAME_TIMEOUT_S = 10.0
 #: frames that are looked at
 FRAMES = 8
+#: frames from before the check that are passed over: more than the buffers of driver and network hold
+MAX_STALE_FRAMES = 40
+#: [grey levels] that the brightest hundredth of a picture has at least, unless no light comes in
+MIN_PICTURE_LEVEL = 30.0
 #: [grey levels] of green above the other colours that a marker must show, and share of its disc that may be saturated:
 #: a clipped edge moves the centre
 MIN_SIGNAL, MAX_CLIPPED_SHARE, CLIPPED_AT = 40.0, 0.05, 250
@@ -42,6 +50,10 @@ MAX_MARKER_OFFSET_M, MAX_LINK_ERROR_M = 0.006, 0.001
 #: share of a marker's peak signal at which its disc ends
 _HALF = 0.5
 _RAYS = 24
+UNSEEN_REMEDY = (
+    "keep the lens free (cap, hand, cable) and the whole finger in sight while the check runs; a light that flickers "
+    "hides markers, too"
+)
 FOCUS_REMEDY = "turn the focus ring, or set `focus` of the camera in the cell file, until the markers' edges are sharp"
 
 
@@ -72,6 +84,7 @@ class BenchCamera:
         profile: mounted.
         profiles: folder, None = the shipped ones.
         colour: of the markers.
+        clock: of the frames' stamps; None = the computer's.
     """
 
     camera: CellCamera
@@ -79,10 +92,11 @@ class BenchCamera:
     profile: str = "power"
     profiles: Path | None = None
     colour: ColourModel = field(default_factory=lambda: ColourModel(120.0))
+    clock: Clock | None = None
 
     @cached_property
     def frames(self) -> Sequence[Image]:
-        """Some frames; raises VisionError or FirstRunError."""
+        """Some frames, all taken since they were asked for; raises VisionError or FirstRunError."""
         camera = self.camera
         controls = ControlSettings(
             camera.exposure_s or 0.0,
@@ -91,20 +105,26 @@ class BenchCamera:
             camera.white_balance_k or 0,
             -1 if camera.power_line_hz is None else camera.power_line_hz,
         )
-        options = SourceOptions(camera.width or 0, camera.height or 0, camera.fps or 0.0, controls=controls)
+        size = (camera.width or 0, camera.height or 0, camera.fps or 0.0)
+        options = SourceOptions(*size, timeout=FRAME_TIMEOUT_S, controls=controls)
         name = dereference(camera.source) if camera.source.startswith("@") else camera.source
         if name is None:
             raise FirstRunError(f"camera: expected the name of a camera in {camera.source}, found none; is it running?")
-        source = open_source(name, options, time.time_ns())
-        found: list[Image] = []
+        began_ns = self._now_ns()
+        source = open_source(name, options, began_ns)
         try:
-            while len(found) < FRAMES and (frame := source.read()) is not None:
-                found.append(frame.pixels())
+            found = list(_frames_since(source, began_ns, name))
         finally:
             source.close()
         if not found:
             raise FirstRunError(f"camera {name}: expected frames, found none; check its cable and the group video")
         return found
+
+    def _now_ns(self) -> int:
+        """Return the time since the epoch [ns]."""
+        clock = self.clock or WallClock()
+        clock.wait(clock.now_s())  # an emulated cell's clock knows its time from its last wait
+        return clock.epoch_ns(clock.now_s())
 
     @cached_property
     def known(self) -> CameraCalibration:
@@ -184,12 +204,39 @@ class BenchCamera:
     def of_first(self) -> list[SeenMarker]:
         """Return the markers of the first frame; raises FirstRunError where there is none at all."""
         found = [one for one in self.seen[0] if one is not None]
+        level = float(np.percentile(self.frames[0].max(axis=2), 99))
+        if not found and level < MIN_PICTURE_LEVEL:
+            raise FirstRunError(
+                f"camera: expected a picture, found a dark one (its brightest hundredth has {level:.0f} of 255 grey "
+                "levels); take the cap off the lens, put the light on, or set a longer exposure_s"
+            )
         if not found:
             raise FirstRunError(
                 f"camera: expected green markers on the straight '{self.finger}', found none; is the finger in sight "
                 "and straight, the light on, the lens free, the calibration that of this camera?"
             )
         return found
+
+
+def _frames_since(source: FrameSource, began_ns: int, name: str) -> Iterator[Image]:
+    """Yield frames that were taken since a time [ns]: buffers, and servers that repeat their last one, have older ones.
+
+    Raises:
+        FirstRunError: all are older.
+    """
+    taken = stale = 0
+    while taken < FRAMES and (frame := source.read()) is not None:
+        if frame.stamp_ns >= began_ns:
+            taken += 1
+            yield frame.pixels()
+            continue
+        stale += 1
+        if stale == MAX_STALE_FRAMES:
+            raise FirstRunError(
+                f"camera {name}: expected frames taken since the check began, found {stale} that say they are "
+                f"{to_s(began_ns - frame.stamp_ns):.1f} s older; set the camera's clock by the computer's (NTP), or "
+                "switch the camera off and on"
+            )
 
 
 def _smoothed(signal: Array, diameter: float) -> Array:
@@ -240,7 +287,11 @@ class ExposureStep:
         yield at_most(
             "clipped share of a marker", clipped, MAX_CLIPPED_SHARE, "", "less light, or a shorter exposure_s"
         )
-        levels = [np.mean([one.signal for one in frame if one is not None] or [math.nan]) for frame in self.bench.seen]
+        frames = [[one.signal for one in frame if one is not None] for frame in self.bench.seen]
+        levels = [np.mean(signals) for signals in frames if signals]
+        if len(levels) < len(frames):
+            yield equal_to("frames that show a marker", len(levels), len(frames), UNSEEN_REMEDY)
+            return
         flicker = float(np.std(levels) / np.mean(levels))
         remedy = "set exposure_s, gain and white_balance_k, so that the camera chooses nothing, and power_line_hz"
         yield at_most("change from frame to frame", flicker, MAX_FLICKER, "", remedy)

@@ -9,17 +9,18 @@ from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.finger_records import read_finger_records
 from softgrip_cell.products import Fragility, GraspType, Product, ProductShape, ProductSurface, Recipe
 from softgrip_cell.storage import Database, Library
+from softgrip_design.parts.bench import CUBE_G, CUBE_MM
 
-#: 45 mm in PLA, which the thesis prints its palm of; 2 walls and 15 % infill weigh about 40 g (printer's estimate:
-#: weigh yours). The recipe is an orange's of the shipped catalogue: with 18 N the emulated cell holds it 8 times of 8
-#: (seeds 1 to 4, two places), with 8 and 14 N 6 times.
+#: The part that `parts` makes, in PLA, which the thesis prints its palm of: weigh yours. The recipe is an orange's of
+#: the shipped catalogue: with 18 N the emulated cell holds it 8 times of 8 (seeds 1 to 4, two places), with 8 and 14 N
+#: 6 times.
 TEST_CUBE = Product(
     "test_cube",
     "Test cube",
     GraspType.POWER,
     ProductShape.BALL,
-    (0.045, 0.045, 0.045),
-    0.040,
+    (1e-3 * CUBE_MM,) * 3,
+    1e-3 * CUBE_G,
     ProductSurface.SMOOTH,
     Fragility.ROBUST,
     Recipe(18.0, 25.0, 0.020, 0.012),

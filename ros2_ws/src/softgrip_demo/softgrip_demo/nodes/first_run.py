@@ -106,9 +106,12 @@ def work(options: argparse.Namespace, person: Terminal) -> int:
         if emulated
         else PersonHands(person, options.finger_set, slots)
     )
-    camera = BenchCamera(cell.camera or CellCamera("none"), options.finger, options.finger_set, cell.folders.profiles)
+    clock = clock_of(options)
+    camera = BenchCamera(
+        cell.camera or CellCamera("none"), options.finger, options.finger_set, cell.folders.profiles, clock=clock
+    )
     steps = [
-        *bus_steps(BenchBus(cell, options.reply_margin, options.seconds, clock_of(options), person.print_line)),
+        *bus_steps(BenchBus(cell, options.reply_margin, options.seconds, clock, person.print_line)),
         *camera_steps(camera),
         *cell_steps(session, hands, cell, options.finger_set),
     ]

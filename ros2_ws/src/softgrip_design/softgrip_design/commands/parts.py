@@ -4,39 +4,50 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from softgrip_description.errors import HandError
+from softgrip_description.cell_file import load_cell
+from softgrip_description.errors import CellFileError, HandError
 from softgrip_description.hand import Hand, load_hand, shipped_hand
 from softgrip_design.errors import DesignError
 from softgrip_design.parts.assembly import assembly_picture
-from softgrip_design.parts.bill import PrintedRow, bill_text, bought_rows, printed_rows
+from softgrip_design.parts.bill import PrintedRow, bill_text, bought_rows, instead_rows, printed_rows
 from softgrip_design.parts.drawing import figure_of, write_svg
-from softgrip_design.parts.drives import FACES, face_of
+from softgrip_design.parts.drives import FACES, ServoFace, face_of, horn_places_mm
 from softgrip_design.parts.files import write_part
+from softgrip_design.parts.forms import Form, PartError
 from softgrip_design.parts.kit import Kit, fingers_of, whole_kit
 from softgrip_design.parts.picture import write
 from softgrip_design.parts.solid import Solid, make_solid
 from softgrip_model.profile import Profile, ProfileError, load, shipped_directory
 
+#: of the driver's parameter spool_radii_m
+SPOOL_RADIUS_MM = 10.0
+#: folder of what other servos would take
+OTHER_SERVOS = "other_servos"
+
 EPILOG = """\
 Writes STEP (in the part's own frame), STL and 3MF (as it lies on the printer's bed; the 3MF carries material and print
 settings) of every part, a drawing with dimensions (SVG) of every finger, and bill.md. Without --finger also palm, servo
-plates, spools, guide blocks of the friction rig, camera stand, foot of the calibration target, and a picture of the
-hand. Nothing is written when a part is not watertight or has walls thinner than the nozzle is wide. docs/parts.md shows
-all of them.
+plate, spools, guide blocks of the friction rig, camera stand, foot of the calibration target, test cube, and a picture
+of hand and servo plate. Plates and spools of other servos go into the folder other_servos. Nothing is written when a
+part is not watertight or has walls thinner than the nozzle is wide. docs/parts.md shows all of them.
 
 Needs build123d: make parts-setup.
 
 examples:
   parts power
+  parts power --servo XM430-W350
+  parts power --cell-file cell.yaml
   parts out/design/hand_power.yaml --finger index --out out/index
 """
 
@@ -50,12 +61,17 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--finger", action="append", help="only this finger, again for more (default: hand and bench)")
     made.add_argument("--hand", type=Path, help="hand file (default: the shipped hand)")
     made.add_argument("--out", type=Path, metavar="FOLDER", help="(default: out/parts/<profile>)")
+    made.add_argument("--cell-file", type=Path, metavar="FILE", help="cell.yaml that says servo and spool radius")
     made.add_argument(
-        "--spool-radius-mm", type=float, default=10.0, help="to the middle of the cable (default: %(default)s)"
+        "--spool-radius-mm",
+        type=float,
+        help=f"to the middle of the cable (default: that of the cell file, else {SPOOL_RADIUS_MM:g})",
     )
     models = [model for face in FACES for model in face.models]
     made.add_argument(
-        "--servo", default=models[0], metavar="MODEL", help=f"in the bill: {', '.join(models)} (default: %(default)s)"
+        "--servo",
+        metavar="MODEL",
+        help=f"that pulls: {', '.join(models)} (default: that of the cell file, else {models[0]})",
     )
     made.add_argument("--serial", default="", help="engraved, before the slot's name (default: the profile's id)")
     return made
@@ -68,18 +84,20 @@ def main(args: Sequence[str] | None = None) -> int:
     try:
         profile = load(_profile_path(options.profile))
         hand = load_hand(options.hand) if options.hand else shipped_hand()
-        kit = _kit(profile, hand, options)
+        drive = _drive(options)
+        kit = _kit(profile, hand, drive, options)
         folder = options.out or Path("out/parts") / profile.id
-        folder.mkdir(parents=True, exist_ok=True)
-        solids = _write_parts(kit, folder)
+        solids, others = _write_parts(kit, folder)
         for name, finger in kit.fingers.items():
             write_svg(figure_of(finger), folder / f"finger_{name}.svg")
         printed = printed_rows(list(solids.values()))
-        bought = bought_rows(kit, options.spool_radius_mm, face_of(options.servo))
-        (folder / "bill.md").write_text(bill_text(profile.title, printed, bought), encoding="utf-8")
+        bought = bought_rows(kit, drive.spool_radius_mm, drive.face, drive.model)
+        instead = instead_rows(kit.instead, others)
+        (folder / "bill.md").write_text(bill_text(profile.title, printed, bought, instead), encoding="utf-8")
         if kit.others:
-            write(assembly_picture(hand, solids), folder / "assembly.png")
-    except (DesignError, HandError, ProfileError, OSError) as error:
+            horns = horn_places_mm(drive.face, drive.spool_radius_mm, len(hand.slots))
+            write(assembly_picture(hand, solids, horns), folder / "assembly.png")
+    except (CellFileError, DesignError, HandError, ProfileError, OSError) as error:
         print(f"parts: {error}", file=sys.stderr)
         return 2
     _print_parts(printed, folder, time.perf_counter() - started)
@@ -88,23 +106,76 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _profile_path(name: str) -> Path:
     path = Path(name)
-    return path if path.suffix or path.exists() else shipped_directory() / f"{name}.yaml"
+    if path.suffix or path.exists():
+        return path
+    known = {one.stem: one for one in sorted(shipped_directory().glob("*.yaml"))}
+    if name not in known:
+        near = difflib.get_close_matches(name, known, 1)
+        question = f"; did you mean '{near[0]}'?" if near else ""
+        raise DesignError(
+            f"profile: expected one of {', '.join(known)}, or a profile file (.yaml), found {name!r}{question}"
+        )
+    return known[name]
 
 
-def _kit(profile: Profile, hand: Hand, options: argparse.Namespace) -> Kit:
+@dataclass(frozen=True)
+class _Drive:
+    """What pulls the cables: the servo, its front, and the radius of its spools."""
+
+    model: str
+    face: ServoFace
+    spool_radius_mm: float
+
+
+def _drive(options: argparse.Namespace) -> _Drive:
+    """Return servo and spool: of the options, else of the cell file, else as shipped."""
+    cell = load_cell(options.cell_file) if options.cell_file else None
+    chain = cell.servos.chain if cell and cell.servos else ()
+    models = [options.servo] if options.servo else [one.model for one in chain] or [FACES[0].models[0]]
+    faces = list({face_of(model).name: face_of(model) for model in models}.values())
+    if len(faces) > 1:
+        raise PartError(
+            f"{options.cell_file}: expected servos with one front, found {', '.join(models)}; make a plate for each: "
+            "--servo MODEL"
+        )
+    radii = {one.spool_radius_m for one in chain} - {None}
+    if len(radii) > 1 and options.spool_radius_mm is None:
+        raise PartError(
+            f"{options.cell_file}: expected spools of one radius, found {sorted(filter(None, radii))} m; make each: "
+            "--spool-radius-mm"
+        )
+    given = options.spool_radius_mm
+    radius_mm = next((1e3 * one for one in radii if one), SPOOL_RADIUS_MM) if given is None else given
+    return _Drive(" or ".join(dict.fromkeys(models)), faces[0], radius_mm)
+
+
+def _kit(profile: Profile, hand: Hand, drive: _Drive, options: argparse.Namespace) -> Kit:
     if options.finger:
         slots = tuple(dict.fromkeys(options.finger))
         return Kit(profile, hand, fingers_of(profile, hand, slots, options.serial), ())
-    return whole_kit(profile, hand, options.spool_radius_mm, options.serial)
+    return whole_kit(profile, hand, drive.spool_radius_mm, options.serial, drive.face)
 
 
-def _write_parts(kit: Kit, folder: Path) -> dict[str, Solid]:
-    """Make all parts before one is written: a refused one leaves no half a hand behind."""
+def _write_parts(kit: Kit, folder: Path) -> tuple[dict[str, Solid], dict[str, Solid]]:
+    """Make all parts before one is written: a refused one leaves no half a hand behind.
+
+    Returns:
+        the parts, and those of other servos, by name of their form.
+    """
     channels = {finger.form.name: finger.channels for finger in kit.fingers.values()}
-    solids = {form.name: make_solid(form, channels.get(form.name, ())) for form in kit.forms}
+
+    def made(forms: Sequence[Form]) -> dict[str, Solid]:
+        return {form.name: make_solid(form, channels.get(form.name, ())) for form in forms}
+
+    solids, others = made(kit.forms), made([form for one in kit.instead for form in one.forms])
+    folder.mkdir(parents=True, exist_ok=True)
     for solid in solids.values():
         write_part(solid, folder)
-    return solids
+    if others:
+        (folder / OTHER_SERVOS).mkdir(exist_ok=True)
+    for solid in others.values():
+        write_part(solid, folder / OTHER_SERVOS)
+    return solids, others
 
 
 def _print_parts(printed: Sequence[PrintedRow], folder: Path, seconds: float) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of the bench: guide blocks of the friction rig, camera stand, foot of the calibration target. In mm."""
+"""Parts of the bench: guide blocks of the rig, camera stand, foot of the calibration target, test cube. In mm."""
 
 from __future__ import annotations
 
@@ -21,6 +21,10 @@ STAND_FOOT_MM, STAND_MAST_MM, STAND_THICK_MM = (90.0, 70.0), 140.0, 8.0
 CAMERA_SCREW_MM, CAMERA_SLOT_MM = 3.3, 60.0
 #: Target holder: a slit for a board of 3 mm with the print on it, and the slit's depth.
 BOARD_MM, HOLDER_MM, SLIT_DEPTH_MM = 3.2, (80.0, 40.0, 18.0), 12.0
+
+#: Test cube of the first grasp: its edge, the rounding of its upright edges, and its mass with the settings of
+#: "pla_light" (PrusaSlicer 2.5.0 expects 41.2 g of filament).
+CUBE_MM, CUBE_ROUNDING_MM, CUBE_G = 45.0, 2.0, 40.0
 
 
 def guide_block(angle_deg: int, material: str) -> Form:
@@ -74,3 +78,11 @@ def target_holder() -> Form:
     places = [(sx * 0.35 * length, sy * 0.3 * depth) for sx in (-1.0, 1.0) for sy in (-1.0, 1.0)]
     bores = tuple(Bore((x, y, 0.0), (x, y, height), M4_MM, beyond_mm=(EDGE_MM, EDGE_MM)) for x, y in places)
     return Form("target_holder", "foot of the calibration target", "pla", (block,), bores, (slit,), count=2)
+
+
+def grasp_cube() -> Form:
+    """Return the cube that a new cell grasps first."""
+    half = 0.5 * CUBE_MM
+    block = Prism(rectangle((-half, half), (-half, half), CUBE_ROUNDING_MM), 0.0, CUBE_MM)
+    title = f"test cube of {CUBE_MM:g} mm; as its settings print it about {CUBE_G:g} g"
+    return Form("test_cube", title, "pla_light", (block,))

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from softgrip_design.parts.drives import FACES, ServoFace
-from softgrip_design.parts.kit import Kit
+from softgrip_design.parts.kit import Kit, OtherDrives
 from softgrip_design.parts.printing import MATERIALS
 from softgrip_design.parts.solid import Solid
 
@@ -71,8 +71,15 @@ def cable_m(kit: Kit, spool_radius_mm: float) -> float:
     return sum(1e-3 * finger.cable_mm + outside for finger in kit.fingers.values())
 
 
-def bought_rows(kit: Kit, spool_radius_mm: float, face: ServoFace = FACES[0]) -> list[BoughtRow]:
-    """Return what is bought for the fingers of a kit, and for the palm and the drives where they are in it."""
+def bought_rows(kit: Kit, spool_radius_mm: float, face: ServoFace = FACES[0], model: str = "") -> list[BoughtRow]:
+    """Return what is bought for the fingers of a kit, and for the palm and the drives where they are in it.
+
+    Args:
+        kit: what is printed.
+        spool_radius_mm: to the middle of the cable.
+        face: of the servos.
+        model: of the servos; empty: any with this front.
+    """
     fingers = len(kit.fingers)
     rows = [
         BoughtRow(kit.profile.cable.name, f"{cable_m(kit, spool_radius_mm):.2f} m", "cables"),
@@ -87,13 +94,40 @@ def bought_rows(kit: Kit, spool_radius_mm: float, face: ServoFace = FACES[0]) ->
         rows += [
             BoughtRow("screw M4 x 16", "4", "plate to palm"),
             BoughtRow("screw M6 x 12", "4", "plate to the arm's flange (ISO 9409-1-50-4-M6)"),
-            BoughtRow(f"servo {' or '.join(face.models)}", f"{fingers}", "one a finger"),
+            BoughtRow(f"servo {model or ' or '.join(face.models)}", f"{fingers}", "one a finger"),
             *(BoughtRow(f"screw {name}", f"{number * fingers}", "servos") for name, number in face.screws),
         ]
     return rows
 
 
-def bill_text(title: str, printed: Sequence[PrintedRow], bought: Sequence[BoughtRow]) -> str:
+def instead_rows(instead: Sequence[OtherDrives], solids: Mapping[str, Solid]) -> list[tuple[str, str, str, str]]:
+    """Return what other servos would take: models; g and m of plate and spools; screws, or why there are none.
+
+    Args:
+        instead: of the kit.
+        solids: by name of their form.
+    """
+    rows = []
+    for one in instead:
+        printed = printed_rows([solids[form.name] for form in one.forms])
+        mass_g = sum(row.count * row.mass_g for row in printed)
+        filament_m = sum(row.count * row.filament_m for row in printed)
+        servos = max((row.count for row in printed), default=0)
+        screws = "; ".join(f"{number * servos} {name}" for name, number in one.face.screws)
+        rows.append(
+            (" or ".join(one.face.models), f"{mass_g:.1f}", f"{filament_m:.2f}", screws)
+            if one.forms
+            else (" or ".join(one.face.models), "", "", one.problem)
+        )
+    return rows
+
+
+def bill_text(
+    title: str,
+    printed: Sequence[PrintedRow],
+    bought: Sequence[BoughtRow],
+    instead: Sequence[Sequence[str]] = (),
+) -> str:
     """Return the bill of material as Markdown."""
     printed_lines = [
         f"| {row.title} | {row.count} | {row.material} | {1e-3 * row.volume_mm3:.1f} | {row.mass_g:.1f} "
@@ -117,4 +151,13 @@ def bill_text(title: str, printed: Sequence[PrintedRow], bought: Sequence[Bought
         *(f"| {row.title} | {row.amount} | {row.use} |" for row in bought),
         "",
     ]
+    if instead:
+        lines += [
+            "Other servos instead; plate and spools, in the folder other_servos, are not in the sums above:",
+            "",
+            "| servo | g | m of 1.75 mm | screws |",
+            "| --- | ---: | ---: | --- |",
+            *(f"| {' | '.join(row)} |" for row in instead),
+            "",
+        ]
     return "\n".join(lines)

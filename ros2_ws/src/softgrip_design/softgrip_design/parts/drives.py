@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from softgrip_design.parts import foot
-from softgrip_design.parts.forms import Bore, Form, PartError, Point2, Prism, circle, rectangle
+from softgrip_design.parts.forms import Bore, Form, PartError, Point2, Point3, Prism, circle, rectangle
 from softgrip_design.parts.printing import NOZZLE_MM
 
 
@@ -31,6 +31,7 @@ class ServoFace:
         frame_radius_mm, horn_hole_radius_mm: clearance of the screws.
         screws: for the plate and for the horn, how many a servo, as it is ordered.
         source: drawing.
+        horn_thread_mm: depth of the threads behind the horn's face; 0: as deep as the horn is thick.
     """
 
     name: str
@@ -46,6 +47,7 @@ class ServoFace:
     horn_hole_radius_mm: float
     screws: tuple[tuple[str, int], ...]
     source: str
+    horn_thread_mm: float = 0.0
 
 
 #: From the maker's drawings, which the e-manual links, as several who measured by them publish the numbers.
@@ -96,16 +98,33 @@ FACES = (
         screws=(("M2 x 8 self-tapping, plate", 4), ("M3 x 12, spool", 4)),
         source="measured in TheRobotStudio/SO-ARM100, STEP/SO100/STS3215_03a.step (no drawing of the maker was found)",
     ),
+    ServoFace(
+        name="dm4310",
+        models=("DM-J4310-2EC",),
+        case_mm=(57.0, 57.0),
+        axis_mm=28.5,
+        horn_radius_mm=17.5,
+        horn_mm=1.0,
+        boss_radius_mm=0.0,
+        horn_holes=(6, 13.5),
+        frame_holes=tuple(
+            (25.0 * math.cos(math.radians(angle)), 25.0 * math.sin(math.radians(angle))) for angle in range(30, 360, 60)
+        ),
+        frame_radius_mm=1.6,
+        horn_hole_radius_mm=1.6,
+        screws=(("M3 x 8, plate", 6), ("M3 x 16, spool", 6)),
+        source="Damiao drawing DM_J4310_V1.1, Ver.B20230904 (github.com/dmBots/DM-J4310-2EC, 2D drawings); its "
+        "output flange wants a spool of 15.7 mm or more",
+        horn_thread_mm=5.0,
+    ),
 )
 
 #: Drives of tendon_driver without a plate here, and why.
-WITHOUT_PLATE = {
-    **dict.fromkeys(
-        ("XM540-W150", "XM540-W270"),
-        "ROBOTIS' drawing of its front could not be read here; it wants a spool of 25 mm (docs/driver.md)",
-    ),
-    "DM-J4310-2EC": "Damiao's drawing of its front could not be read here",
-}
+WITHOUT_PLATE = dict.fromkeys(
+    ("XM540-W150", "XM540-W270"),
+    "no drawing of its front could be had (e-manual XM540-W270 links ROBOTIS' own: draw plate and spool by it); it "
+    "wants a spool of 25 mm (docs/driver.md)",
+)
 
 PLATE_MM, RAIL_MM, EDGE_MM = 4.0, 8.0, 1.0
 #: Room around a horn and its spool, and between neighbours.
@@ -145,6 +164,17 @@ def _lift_mm(face: ServoFace) -> float:
     return PLATE_MM - face.horn_mm + PLAY_MM
 
 
+def _pitch_mm(face: ServoFace, spool_radius_mm: float) -> float:
+    """Return the distance between the axes of neighbours."""
+    return max(face.case_mm[0], 2.0 * (spool_radius_mm + RIM_HEIGHT_MM)) + NEIGHBOUR_MM
+
+
+def horn_places_mm(face: ServoFace, spool_radius_mm: float, count: int) -> list[Point3]:
+    """Return where the spools stand on the horns, in the plate's frame."""
+    pitch = _pitch_mm(face, spool_radius_mm)
+    return [(pitch * (k - 0.5 * (count - 1)), 0.0, face.horn_mm) for k in range(count)]
+
+
 def servo_plate(face: ServoFace, spool_radius_mm: float, count: int) -> Form:
     """Return the plate for a number of servos side by side.
 
@@ -154,8 +184,8 @@ def servo_plate(face: ServoFace, spool_radius_mm: float, count: int) -> Form:
         count: of servos.
     """
     rim = spool_radius_mm + RIM_HEIGHT_MM
-    pitch = max(face.case_mm[0], 2.0 * rim) + NEIGHBOUR_MM
-    axes = [pitch * (k - 0.5 * (count - 1)) for k in range(count)]
+    axes = [x for x, _, _ in horn_places_mm(face, spool_radius_mm, count)]
+    pitch = _pitch_mm(face, spool_radius_mm)
     top = max(face.axis_mm, rim) + PLAY_MM
     low, high = face.axis_mm - face.case_mm[1] - 2.0 * RIM_MM, top + RAIL_MM
     half = 0.5 * pitch * count + 2.0 * RIM_MM
@@ -180,6 +210,12 @@ def _hole(at: Point2, radius_mm: float) -> Bore:
     return Bore((*at, 0.0), (*at, PLATE_MM), radius_mm, beyond_mm=(EDGE_MM, EDGE_MM))
 
 
+def min_spool_radius_mm(face: ServoFace, cable_radius_mm: float) -> float:
+    """Return the smallest radius, to the middle of the cable, that leaves a wall outside the horn's screws."""
+    _, circle_mm = face.horn_holes
+    return circle_mm + face.horn_hole_radius_mm + NOZZLE_MM + cable_radius_mm
+
+
 def spool(face: ServoFace, spool_radius_mm: float, cable_radius_mm: float, count: int) -> Form:
     """Return a spool: its neck stands on the horn, the cable's knot sits in the upper rim.
 
@@ -188,9 +224,8 @@ def spool(face: ServoFace, spool_radius_mm: float, cable_radius_mm: float, count
     """
     floor = spool_radius_mm - cable_radius_mm
     holes, circle_mm = face.horn_holes
-    wall = floor - circle_mm - face.horn_hole_radius_mm
-    if wall < NOZZLE_MM:
-        needed = circle_mm + face.horn_hole_radius_mm + NOZZLE_MM + cable_radius_mm
+    needed = min_spool_radius_mm(face, cable_radius_mm)
+    if spool_radius_mm < needed:
         raise PartError(
             f"spool for {face.models[0]}: expected a radius of at least {needed:.2f} mm, found {spool_radius_mm:g} mm: "
             "the screws of the horn need a wall around them"

@@ -46,6 +46,21 @@ _ALL = {
     "max_print_height": "210",
     "gcode_flavor": "marlin",
 }
+# Prusament PLA, maker's data sheet: 1.24 g/cm3, 215 C. Walls and infill: usual for parts that carry screws.
+_PLA = {
+    **_ALL,
+    "filament_type": "PLA",
+    "filament_density": "1.24",
+    "perimeters": "4",
+    "fill_density": "30%",
+    "fill_pattern": "gyroid",
+    "temperature": "210",
+    "first_layer_temperature": "215",
+    "bed_temperature": "60",
+    "first_layer_bed_temperature": "60",
+    "support_material": "0",
+    "brim_width": "0",
+}
 MATERIALS = {
     # Density, thesis section 4.3 and NinjaTek's data sheet (1.19 g/cm3). Infill: section 3.2.2 (100 %, lines) gives the
     # modulus that the profiles use. 240 C, 40 mm/s, 105 % flow, 3 walls: section 5.3, NinjaFlex.
@@ -73,23 +88,7 @@ MATERIALS = {
             "brim_width": "0",
         },
     ),
-    # Prusament PLA, maker's data sheet: 1.24 g/cm3, 215 C. Walls and infill: usual for parts that carry screws.
-    "pla": Filament(
-        "PLA",
-        1.24,
-        {
-            **_ALL,
-            "filament_type": "PLA",
-            "filament_density": "1.24",
-            "perimeters": "4",
-            "fill_density": "30%",
-            "fill_pattern": "gyroid",
-            "temperature": "210",
-            "first_layer_temperature": "215",
-            "bed_temperature": "60",
-            "first_layer_bed_temperature": "60",
-            "support_material": "0",
-            "brim_width": "0",
-        },
-    ),
+    "pla": Filament("PLA", 1.24, _PLA),
+    # the test cube carries nothing
+    "pla_light": Filament("PLA", 1.24, _PLA | {"perimeters": "2"}),
 }  # fmt: skip

@@ -65,27 +65,51 @@ def scan_port(port: str, bauds: Sequence[int], wait: float, clock: Clock | None 
             bus.close()
 
 
+#: what to do where no adapter is seen
+NO_ADAPTER_REMEDY = (
+    "plug its USB cable in (a cable that only charges carries no data), then `ls /dev/serial/by-id` must show it; a "
+    "virtual machine or a container must be given it (`docker run --device /dev/ttyUSB0`); or name its port with --port"
+)
+
+
+def _ports(given: str) -> list[str]:
+    """Return the ports to look at; says so where no USB adapter is among those of this computer."""
+    if given:
+        return [given]
+    found = sorted(list_ports.comports(), key=lambda port: str(port.device))
+    if not any(port.vid is not None for port in found):  # a port of the computer's own has no USB numbers
+        own = ", ".join(port.device for port in found)
+        print(
+            "expected a USB adapter such as a U2D2, found "
+            f"{f'only ports of the computer itself ({own})' if own else 'no serial port'}; {NO_ADAPTER_REMEDY}",
+            file=sys.stderr,
+        )
+    return [port.device for port in found]
+
+
 def work(options: argparse.Namespace) -> int:
     """Scan and print."""
-    ports = [options.port] if options.port else sorted(port.device for port in list_ports.comports())
+    ports = _ports(options.port)
     if not ports:
-        print("no serial port found; plug the adapter in, or name it with --port", file=sys.stderr)
         return FAILED
     bauds = [options.baud] if options.baud else sorted(BAUD_CODES, key=lambda baud: baud != 57600)
     print(HEAD)
     seen: list[Found] = []
+    silent: list[str] = []
     for port in ports:
+        before = len(seen)
         try:
             for found in scan_port(port, bauds, options.wait):
                 seen.append(found)
                 print(found.line(), flush=True)
+            silent += [port] * (len(seen) == before)
         except PortLostError as error:
             print(error, file=sys.stderr)
         if advice := naming_advice(port):
             print(f"{port}: {advice}")
-    if not seen:
+    if silent and not seen:
         print(
-            f"no servo answered on {', '.join(ports)}; check power, cable and adapter; {BOOT_LOADER_REMEDY}",
+            f"no servo answered on {', '.join(silent)}; check power, cable and adapter; {BOOT_LOADER_REMEDY}",
             file=sys.stderr,
         )
     if any(found.shared for found in seen):

@@ -11,6 +11,7 @@ from softgrip_driver.damiao import frames
 from softgrip_driver.damiao.bus import DamiaoBus
 from softgrip_driver.damiao.frames import DamiaoModel, DamiaoState, Feedback, Register
 from softgrip_driver.errors import (
+    MISSING_SERVO_REMEDY,
     ConfigurationError,
     DeviceNotFoundError,
     DriverError,
@@ -182,7 +183,7 @@ class DamiaoBackend(BusBackend[_Live]):
         ids = range(1, frames.MAX_ID + 1)
         found = sorted(self.bus.feedbacks([frames.refresh(one) for one in ids], ids))
         if found:
-            return f"ID {', '.join(map(str, found))} instead; correct the parameter servo_ids"
+            return f"ID {', '.join(map(str, found))} instead; {MISSING_SERVO_REMEDY} with the maker's tool"
         return "nobody; check power, cable, terminators, and that the motors are set to 1 Mbit/s"
 
     def _set_up(self, live: _Live, attempts: int) -> Iterator[None]:

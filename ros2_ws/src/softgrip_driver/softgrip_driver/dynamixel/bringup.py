@@ -18,6 +18,7 @@ from softgrip_driver.dynamixel.registers import (
     ServoModel,
 )
 from softgrip_driver.errors import (
+    MISSING_SERVO_REMEDY,
     CorruptReplyError,
     DeviceNotFoundError,
     NoReplyError,
@@ -232,7 +233,7 @@ def who_answers(bus: Bus) -> str:
             f"{' (as new)' * (other_baud == FACTORY_BAUD)}; set each with `ros2 run softgrip_driver setup {options}`"
         )
     if here:
-        return f"{here}; correct the parameter servo_ids, or give it its ID with setup --new-id"
+        return f"{here}; {MISSING_SERVO_REMEDY} with `ros2 run softgrip_driver setup --new-id`"
     return f"nobody at any baud rate; check power and cable; {BOOT_LOADER_REMEDY}"
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from softgrip_driver.errors import (
+    MISSING_SERVO_REMEDY,
     CorruptReplyError,
     DeviceNotFoundError,
     NoReplyError,
@@ -78,7 +79,7 @@ def _who_answers(bus: FeetechBus) -> str:
             return f"several servos with ID {one}; connect them one at a time and give each an ID of its own"
         found.append(one)
     if found:
-        return f"ID {', '.join(map(str, found))} instead; correct the parameter servo_ids"
+        return f"ID {', '.join(map(str, found))} instead; {MISSING_SERVO_REMEDY} with the maker's tool"
     return "nobody; check power, cable and baud rate (1000000 as they come)"
 
 

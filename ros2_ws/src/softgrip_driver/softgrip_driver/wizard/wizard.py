@@ -105,6 +105,7 @@ class SetupWizard:
             raise ConfigurationError(
                 "expected a port and tendons, found none in the cell file; give --port and --tendons"
             )
+        self._until_done("port", self._check_port)
         for number, tendon in enumerate(self._tendons, start=1):
             self._until_done(f"connect.{tendon}", partial(self._name, tendon, number))
         self._check_chain()
@@ -114,6 +115,11 @@ class SetupWizard:
         return self._test()
 
     # --- steps -----------------------------------------------------------------------------------------------------
+
+    def _check_port(self) -> None:
+        """See that the port can be opened before anybody is asked to put servos on it."""
+        with open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock):
+            self._person.print_line(f"port: {self._chain.port} is open")
 
     def _name(self, tendon: str, number: int) -> None:
         """Give the servo of a tendon its ID."""

@@ -48,7 +48,9 @@ class Camera:
         if faults.drop_share > 0.0 and self._random() < faults.drop_share:
             return None
         if not faults.frozen or self._frozen_data is None:
-            image = self._scene.render(sample.pose, sample.before, Light(gain=faults.gain))
+            image = self._scene.render(
+                sample.pose, sample.before, Light(faults.gain, blur_px=faults.blur_px), faults.missing_marker
+            )
             _, data = cv2.imencode(".jpg", image, self._quality)
             self.frames_taken += 1
             self._frozen_data = data.tobytes()

@@ -67,11 +67,21 @@ class SetUp:
 
 @dataclass
 class CameraFaults:
-    """What goes wrong with the camera; neutral by default."""
+    """What goes wrong with the camera, or with what it looks at; neutral by default.
+
+    Attributes:
+        frozen: it repeats a frame.
+        drop_share: of the frames that the sensor loses.
+        gain: of the light.
+        blur_px: standard deviation of a Gaussian that a lens out of focus adds.
+        missing_marker: that fell off, 0 = at the base; -1 = none.
+    """
 
     frozen: bool = False
     drop_share: float = 0.0
     gain: float = 1.0
+    blur_px: float = 0.0
+    missing_marker: int = -1
 
 
 @dataclass(frozen=True)

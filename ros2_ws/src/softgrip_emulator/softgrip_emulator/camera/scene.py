@@ -47,6 +47,13 @@ class Light:
     gain: float = 1.0
     noise: float = 2.0
     """Standard deviation of the sensor noise [grey levels]."""
+    blur_px: float = 0.0
+    """Standard deviation of the Gaussian that a lens out of focus adds to its own blur [px]."""
+
+    @property
+    def is_neutral(self) -> bool:
+        """Whether the picture is what the lens throws on the sensor, but for the noise."""
+        return self.gain == 1.0 and self.blur_px == 0.0
 
 
 class Scene:
@@ -66,6 +73,7 @@ class Scene:
         self._soft = self._soft_bench.copy()
         self._window = (slice(0, 0), slice(0, 0))
         self._drawn: Array | None = None
+        self._missing_marker = -1
         self._prepared: _Grain | None = None
         # Markers are glued by hand.
         self._glue_m = self._rng.normal(0.0, 0.15e-3, (16, 2))
@@ -79,27 +87,34 @@ class Scene:
         if self._prepared is None:
             self._prepared = self._next_grain(self._noise_level)
 
-    def render(self, pose: Pose, before: Pose | None = None, light: Light | None = None) -> Image:
+    def render(
+        self, pose: Pose, before: Pose | None = None, light: Light | None = None, missing_marker: int = -1
+    ) -> Image:
         """One frame (height, width, 3) BGR.
 
         Args:
             pose: at the end of the exposure.
             before: at its beginning, for motion blur.
-            light: exposure and noise.
+            light: exposure, focus and noise.
+            missing_marker: that is not drawn, 0 = at the base; -1 = all are.
         """
         light = light or Light()
+        if missing_marker != self._missing_marker:
+            self._missing_marker, self._drawn = missing_marker, None
         self._expose(pose, pose if before is None or before.joints_m.shape != pose.joints_m.shape else before)
         if light.noise <= 0.0:
             return np.array(self._in_light(self._soft, light), dtype=np.uint8)
         prepared, self._prepared = self._prepared, None
         if prepared is None or light.noise != self._noise_level:
             prepared = self._next_grain(light.noise)
-        if light.gain != 1.0:
+        if not light.is_neutral:
             return prepared.on(self._in_light(self._soft, light))
         prepared.bench[self._window] = prepared.on(self._soft[self._window], self._window)
         return prepared.bench
 
     def _in_light(self, image: Image, light: Light) -> Image:
+        if light.blur_px > 0.0:
+            image = np.asarray(cv2.GaussianBlur(image, (0, 0), light.blur_px), dtype=np.uint8)
         return image if light.gain == 1.0 else np.asarray(cv2.convertScaleAbs(image, alpha=light.gain), dtype=np.uint8)
 
     def _expose(self, pose: Pose, before: Pose) -> None:
@@ -146,8 +161,8 @@ class Scene:
         height, width = self._canvas.shape[:2]
         covers = shapes.covers[step]
         size = covers.shape[-1]
-        for (left, top), cover in zip(shapes.corners_px[step].tolist(), covers, strict=True):
-            if left < 0 or top < 0 or left + size > width or top + size > height:
+        for number, ((left, top), cover) in enumerate(zip(shapes.corners_px[step].tolist(), covers, strict=True)):
+            if number == self._missing_marker or left < 0 or top < 0 or left + size > width or top + size > height:
                 continue
             patch = self._canvas[top : top + size, left : left + size]
             patch[:] = np.rint(patch + cover[..., None] * (_MARKER_BGR - patch))

@@ -86,6 +86,14 @@ PARAMETERS = ParameterTable(
     Parameter(
         "spool_directions", [1, 1, 1], "of each slot, -1: the tendon comes off the other side of its spool", "", -1, 1
     ),
+    Parameter(
+        "adapter_latency_s",
+        0.0,
+        "latency timer of the servos' USB adapter, 0.016 as it comes; 0 = none",
+        "s",
+        0.0,
+        0.255,
+    ),
     Parameter("servo_return_delay_us", 500, "return delay set in the servos", "us", 0, 508),
     Parameter(
         "servo_current_limit",
@@ -281,6 +289,7 @@ def _open_cell(values: dict[str, Any], on_tick: Callable[[], None]) -> EmulatedC
         gauge_on=values["gauge_on"],
         stage=values["rig_stage"],
         gauge=values["rig_gauge"],
+        adapter_latency_s=values["adapter_latency_s"],
     )
     cell.plant.mount(values["fingers"], values["mounted_serials"], values["mounted_profiles"])
     if values["factory_fresh"]:

@@ -24,25 +24,28 @@ class UsbAdapter:
     """A `WireDevice` around another one, with the adapter between it and the host."""
 
     def __init__(self, device: WireDevice, latency_s: float = LATENCY_S) -> None:
-        """Put an adapter in front of a device; ``latency_s`` [s] of its timer."""
+        """Put an adapter in front of a device; ``latency_s`` [s] of its timer, 0 = it keeps nothing back."""
+        self.latency_s = latency_s
         self._device = device
-        self._latency_s = latency_s
         self._baud = 9600
         self._heard_until_s = 0.0
         self._sent_s = 0.0
 
     def opened(self, now_s: float) -> Sequence[Chunk]:
         """See `WireDevice`."""
-        return list(self._packets(self._device.opened(now_s)))
+        return self._to_host(self._device.opened(now_s))
 
     def exchange(self, data: bytes, now_s: float, baud: int) -> Sequence[Chunk]:
         """See `WireDevice`."""
         self._baud = baud
-        return list(self._packets(self._device.exchange(data, now_s, baud)))
+        return self._to_host(self._device.exchange(data, now_s, baud))
 
     def due_s(self) -> float | None:
         """See `WireDevice`."""
         return self._device.due_s()
+
+    def _to_host(self, chunks: Sequence[Chunk]) -> Sequence[Chunk]:
+        return list(self._packets(chunks)) if self.latency_s > 0.0 else chunks
 
     def _packets(self, chunks: Iterable[Chunk]) -> Iterable[Chunk]:
         """Yield what goes to the host: full packets at once, the rest when the timer runs out."""
@@ -61,8 +64,8 @@ class UsbAdapter:
 
     def _timer_s(self) -> float:
         """When the timer next runs out after the last byte that came [s]."""
-        rounds = math.ceil((self._heard_until_s - self._sent_s) / self._latency_s)
-        return self._sent_s + max(1, rounds) * self._latency_s
+        rounds = math.ceil((self._heard_until_s - self._sent_s) / self.latency_s)
+        return self._sent_s + max(1, rounds) * self.latency_s
 
     def _packet(self, kept: bytearray, at_s: float) -> Chunk:
         """Send what was kept so that its last bit reaches the host at a time [s]; `Line` adds the wire's pace."""
