@@ -28,8 +28,10 @@ help:  ## this list
 	@grep -hE '^[a-z0-9-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
 
 setup: $(STAMP) $(CORES:%=$(VENV)/.core-of-%)  ## everything the suite needs, into .venv (system packages through apt when allowed)
+	@$(if $(filter setup,$(MAKECMDGOALS)),echo "Ready in $(VENV). Next: make demo; for commands of your own: source $(VENV)/bin/activate",:)
 
 $(STAMP): $(REQUIREMENTS) requirements-capture.lock requirements-sources.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
+	@echo "Setting $(VENV) up: the first time 4 to 9 minutes, most of it compiling"
 	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) $(BUILD) bash .ci/setup.sh
 	@touch $@
 
@@ -43,8 +45,8 @@ panel-setup:  ## NiceGUI and what else makes the operator's page (docs/panel.md)
 $(EXTRAS:%=%-setup): %-setup: $(VENV)/.%
 
 $(EXTRAS:%=$(VENV)/.%): $(VENV)/.%: requirements-%.lock | setup
-	@echo "== Python packages of $<"
-	@$(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r $<
+	@. .ci/stage.sh; stage "Python packages of $<" \
+	  $(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r $<
 	@touch $@
 
 panel-setup: $(VENV)/.browser
@@ -60,7 +62,7 @@ model: core-of-softgrip_model
 plant: core-of-softgrip_emulator
 tracker: core-of-softgrip_vision
 core-of-%:
-	$(BUILD) flock /tmp/softgrip-model-build.lock $(BIN)/pip install -q --no-deps --no-build-isolation -e $(SRC)/$*
+	@$(BUILD) VENV=$(VENV) bash .ci/core.sh $*
 
 # set-up has built the cores as they were then
 .SECONDEXPANSION:
@@ -143,12 +145,13 @@ bench: setup parts-setup study-setup panel-setup  ## every benchmark, one JSON l
 	$(BIN)/python benchmarks/run_all.py $(OUT)/bench.jsonl
 
 docs: setup parts-setup study-setup docs-setup  ## write the documents that scripts make, then the site into out/site
-	for script in tools/docs/*.py; do $(BIN)/python $$script || exit 1; done
+	@for script in tools/docs/*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
 	$(MAKE) site
 
 site: setup docs-setup study-setup panel-setup  ## the documentation's site alone, into out/site; a warning is an error
-	$(BIN)/python tools/docs/reference.py
-	$(BIN)/python -m sphinx -q -W --keep-going -c docs -d $(OUT)/site-trees . $(OUT)/site
+	@. .ci/stage.sh; stage "the reference, from the code" $(BIN)/python tools/docs/reference.py
+	@echo "== the pages"
+	$(BIN)/python -m sphinx -W --keep-going -c docs -d $(OUT)/site-trees . $(OUT)/site
 	@echo "$(OUT)/site/index.html"
 
 docs-test: setup $(EXTRAS:%=%-setup)  ## every code block of every page, also the long ones; then the site

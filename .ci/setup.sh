@@ -2,6 +2,7 @@
 # Sets the suite up on a fresh Debian 12 or Ubuntu 24.04; `make setup` calls it with PYTHON, VENV and REQUIREMENTS set.
 set -euo pipefail
 cd "$(dirname "$0")/.."
+. .ci/stage.sh
 : "${PYTHON:=python3}" "${VENV:=.venv}" "${REQUIREMENTS:=requirements.lock}"
 
 packages=(g++ git libeigen3-dev python3-dev python3-venv)
@@ -20,9 +21,9 @@ if [ ${#missing[@]} -gt 0 ]; then
     echo "    sudo apt-get update && sudo $line" >&2
     exit 1
   fi
-  echo "== system packages: ${missing[*]}"
-  DEBIAN_FRONTEND=noninteractive "${sudo[@]}" apt-get update -q -y >/dev/null
-  DEBIAN_FRONTEND=noninteractive "${sudo[@]}" $line -q >/dev/null
+  apt() { DEBIAN_FRONTEND=noninteractive "${sudo[@]}" "$@" >/dev/null; }
+  stage "system packages: what there is" apt apt-get update -q -y
+  stage "system packages: ${missing[*]}" apt $line -q
 fi
 
 # The interpreter: any CPython 3.11 or 3.12 that can compile an extension.
@@ -42,19 +43,16 @@ if [ -z "${python:-}" ]; then
 fi
 
 if [ ! -x "$VENV/bin/python" ]; then
-  echo "== virtual environment with $("$python" --version)"
-  "$python" -m venv "$VENV"
+  stage "virtual environment with $("$python" --version)" "$python" -m venv "$VENV"
 fi
 pip() { "$VENV/bin/python" -m pip --disable-pip-version-check -q "$@"; }
-echo "== Python packages of $REQUIREMENTS"
-pip install --require-hashes --only-binary :all: -r "$REQUIREMENTS"
-pip install --no-deps --no-build-isolation --require-hashes -r requirements-sources.lock
-echo "== hand capture (MediaPipe; its own pins are older than they need to be, so without them)"
-pip install --no-deps --require-hashes --only-binary :all: -r requirements-capture.lock || echo "   no MediaPipe for this machine: ros2 run softgrip_design capture will say so"
+stage "Python packages of $REQUIREMENTS" pip install --require-hashes --only-binary :all: -r "$REQUIREMENTS"
+stage "Python packages that come as sources" pip install --no-deps --no-build-isolation --require-hashes -r requirements-sources.lock
+# its own pins are older than they need to be, so without them
+stage "hand capture (MediaPipe)" pip install --no-deps --require-hashes --only-binary :all: -r requirements-capture.lock || echo "   no MediaPipe for this machine: ros2 run softgrip_design capture will say so"
 for package in softgrip_model softgrip_emulator softgrip_vision; do
-  echo "== C++ cores of $package"
-  pip install --no-deps --no-build-isolation -e "ros2_ws/src/$package"
+  bash .ci/core.sh "$package"
 done
-echo "== the stand-in for ROS 2, and this workspace"
-pip install --no-deps --no-build-isolation -e embedded
-"$VENV/bin/python" -m embedded_ros.workspace ros2_ws/src
+stage "the stand-in for ROS 2" pip install --no-deps --no-build-isolation -e embedded
+stage "this workspace" "$VENV/bin/python" -m embedded_ros.workspace ros2_ws/src
+echo "== set up in $SECONDS s"

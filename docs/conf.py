@@ -11,6 +11,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from sphinx.pycode import ModuleAnalyzer
+
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tools" / "pages"))
 
@@ -26,6 +28,7 @@ extensions = [
     "sphinx.ext.viewcode",
     "site_links",
     "site_math",
+    "site_tables",
 ]
 
 include_patterns = [
@@ -97,6 +100,17 @@ def _as_rest(_app: Any, _what: str, _name: str, _obj: Any, _options: Any, lines:
     lines[:] = [re.sub(r"(``[^`]*``|`[^`]*`)|\bdocs/([\w/-]+)\.md\b|\|", changed, line) for line in lines]
 
 
+def _constant(_app: Any, what: str, name: str, obj: Any, _options: Any, lines: list[str]) -> None:
+    """Give a constant the words that stand above it where it is made, and not those of its type."""
+    if what != "data" or lines[:1] != (type(obj).__doc__ or "").strip().splitlines()[:1]:
+        return
+    module, _, constant = name.rpartition(".")
+    lines[:] = [f"A constant of type ``{type(obj).__name__}``.", ""]
+    for maker in sorted(one for one in sys.modules if one.startswith(f"{module}.")):
+        if getattr(sys.modules[maker], constant, None) is obj:
+            lines[:] = ModuleAnalyzer.for_module(maker).find_attr_docs().get(("", constant), lines)
+
+
 def _with_values(_app: Any, what: str, _name: str, obj: Any, _options: Any, lines: list[str]) -> None:
     """Add the names of an enumeration's values to its docstring."""
     if what == "class" and issubclass(obj, enum.Enum):
@@ -105,5 +119,6 @@ def _with_values(_app: Any, what: str, _name: str, obj: Any, _options: Any, line
 
 def setup(app: Any) -> None:
     """Connect."""
+    app.connect("autodoc-process-docstring", _constant, priority=300)
     app.connect("autodoc-process-docstring", _as_rest, priority=400)
     app.connect("autodoc-process-docstring", _with_values, priority=900)

@@ -42,6 +42,35 @@ def test_what_a_page_says_to_type_works(page: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_python_can_be_pasted_at_its_prompt(page: Path) -> None:
+    for block in blocks.blocks_of(page):
+        if block.language == "python" and block.mark != "file":
+            blocks.check_at_prompt(block)
+
+
+@pytest.mark.parametrize(
+    ("text", "takes"),
+    [
+        ("x = 1\nfor i in range(2):\n    print(i)\n\nprint(x)\n", True),
+        ("for i in range(2):\n    print(i)\n", True),  # Enter once more
+        ("call(\n    1,\n\n    2,\n)\n", True),
+        ("for i in range(2):\n    print(i)\nprint(i)\n", False),
+        ("def f():\n    x = 1\n\n    return x\n", False),
+        ("if a:\n    b()\n\nelse:\n    c()\n", False),
+        ("call(\n    1,\n", False),
+    ],
+)
+def test_what_pythons_prompt_takes(text: str, *, takes: bool) -> None:
+    """As in the tutorial of Python's documentation: a blank line ends a block, and only that does."""
+    block = blocks.Block(ROOT / "page.md", 1, "python", text)
+    if takes:
+        blocks.check_at_prompt(block)
+    else:
+        with pytest.raises(blocks.BlockError, match="prompt"):
+            blocks.check_at_prompt(block)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_what_running_text_names_is_there(page: Path) -> None:
     assert list(blocks.text_problems(page)) == []
 

@@ -227,7 +227,10 @@ def test_drift_of_a_finger_is_that_of_its_closings(sql: duckdb.DuckDBPyConnectio
 
 
 def test_another_copy_in_the_slot_is_no_drift() -> None:
-    """One copy is 2 % off and drifts to 3 %; another, that follows it in the same slot within a bag, is 6 % off."""
+    """One copy is 2 % off and drifts to 3 %; another, that follows it in the same slot within a bag, is 6 % off.
+
+    What is no free closing is 50 % off and more: an opening, a grasp, a closing from half way, one without a serial.
+    """
     with duckdb.connect() as made:
         made.execute("""
             CREATE TABLE bags AS SELECT * FROM (VALUES ('a', 1), ('b', 2)) AS x(bag, start);
@@ -235,14 +238,19 @@ def test_another_copy_in_the_slot_is_no_drift() -> None:
               [{finger: 'index', serial: serial, profile: 'power'}] AS mounted
             FROM (VALUES ('a', 0, 'IDLE', 'PW-I-01'), ('a', 20, 'IDLE', 'PW-I-02'), ('b', 40, 'IDLE', 'PW-I-01'),
               ('b', 50, 'GRASPING', 'PW-I-01'), ('b', 60, 'IDLE', '')) AS x(bag, received, mode_name, serial);
-            CREATE TABLE finger_residual AS SELECT 'root' AS cell, bag, received, 'index' AS finger, tip_error_percent
-            FROM (VALUES ('a', 10, 2.0), ('a', 11, 2.0), ('a', 30, 6.0), ('b', 45, 3.0), ('b', 46, 'nan'::DOUBLE),
-              ('b', 55, 50.0), ('b', 65, 70.0)) AS x(bag, received, tip_error_percent);
+            CREATE TABLE finger_residual AS SELECT 'root' AS cell, bag, received, 'index' AS finger,
+              1e-3 * pulled_mm AS pulled_length, tip_error_percent
+            FROM (VALUES ('a', 10, 0, 1.0), ('a', 11, 3, 2.0), ('a', 12, 7, 2.0),
+              ('a', 13, 3, 50.0), ('a', 14, 9, 60.0),
+              ('a', 29, 0, 1.0), ('a', 30, 6, 6.0), ('a', 31, 6, 60.0),
+              ('b', 43, 0.5, 1.0), ('b', 44, 3, 3.0), ('b', 45, 6, 3.0), ('b', 46, 7, 'nan'::DOUBLE),
+              ('b', 54, 0, 50.0), ('b', 55, 8, 50.0), ('b', 64, 0, 70.0), ('b', 65, 8, 70.0)
+            ) AS x(bag, received, pulled_mm, tip_error_percent);
         """)
         rows = made.execute(
             f"SELECT serial, start, frames, tip_error_mean, drift FROM ({shipped_queries()['finger_drift']})"
         ).fetchall()
-    assert rows == [("PW-I-01", 1, 2, 2.0, 0.0), ("PW-I-01", 2, 1, 3.0, 1.0), ("PW-I-02", 1, 1, 6.0, 0.0)]
+    assert rows == [("PW-I-01", 1, 2, 2.0, 0.0), ("PW-I-01", 2, 2, 3.0, 1.0), ("PW-I-02", 1, 1, 6.0, 0.0)]
 
 
 def test_a_finger_has_the_grasps_that_ended_with_it(sql: duckdb.DuckDBPyConnection) -> None:

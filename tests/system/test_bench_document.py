@@ -69,7 +69,8 @@ TRUE_LENS = Lens(
 
 def lines() -> list[list[str]]:
     """Return the command lines of the document, as words."""
-    found = [line for line in DOCUMENT.read_text().splitlines() if re.match(r"(ros2|cp) ", line)]
+    text = DOCUMENT.read_text().replace("\\\n", " ")  # a long line goes on below
+    found = [line for line in text.splitlines() if re.match(r"(ros2|cp) ", line)]
     return [line.split() if line.startswith("cp ") else shlex.split(line) for line in found]
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 import time
 from collections.abc import Callable
@@ -45,6 +46,9 @@ def test_a_whole_shift_ends_with_summary_page_and_a_bag_that_replays(launch: Lau
     assert summary["replay"]["identical"]
     assert summary["replay"]["compared"] > 1000
     assert "<svg" in (out / "report.html").read_text()
+    # a driver and a camera that are still starting are no fault
+    log = (out / "log.txt").read_text()
+    assert not re.search(r"\[ERROR\].*(?:\[camera\]: capture: expected|tendons: expected)", log)
     with AnyReader([Path(summary["bag"]["path"])]) as reader:
         assert sum(1 for _ in reader.messages()) == summary["bag"]["messages"]
     assert demo.survivors() == []

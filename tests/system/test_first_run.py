@@ -27,8 +27,10 @@ pages = load_script(ROOT / "tools/pages/blocks.py")
 
 
 def blocks(document: str) -> list[str]:
-    """Return the blocks of a document that a person types, or puts into a file."""
-    return [block.text for block in pages.blocks_of(DOCUMENTS / document) if block.mark != "hidden"]
+    """Return the blocks of a document that a person types, or puts into a file; a line that goes on below is one."""
+    return [
+        block.text.replace("\\\n", " ") for block in pages.blocks_of(DOCUMENTS / document) if block.mark != "hidden"
+    ]
 
 
 def words(line: str) -> list[str]:

@@ -72,7 +72,7 @@ def draw_plot(axes: Axes, panel: dict[str, Any], found: dict[str, tuple[list[flo
     axes.set_ylim(low - 0.05 * (high - low), high + 0.3 * (high - low))
     axes.set_title(panel["title"], loc="left", fontsize=9)
     axes.set_ylabel(panel["yAxisLabel"])
-    axes.legend(fontsize=6, ncols=2, loc="upper left")
+    axes.legend(fontsize=8, ncols=2, loc="upper left")
 
 
 def draw_states(axes: Axes, panel: dict[str, Any], found: dict[str, tuple[list[float], list[Any]]], end: float) -> None:
@@ -84,7 +84,7 @@ def draw_states(axes: Axes, panel: dict[str, Any], found: dict[str, tuple[list[f
         for i, following in zip(changes, [*changes[1:], None], strict=True):
             until = end if following is None else times[following]
             axes.barh(row, until - times[i], left=times[i], height=0.7, color="#9cc5b0", edgecolor="white")
-            axes.text(times[i], row, f" {str(values[i])[:12]}", va="center", fontsize=6, clip_on=True)
+            axes.text(times[i], row, f" {str(values[i])[:12]}", va="center", fontsize=8, clip_on=True)
         names.append(line["label"])
     axes.set_yticks(range(len(names)), names)
     axes.set_xlim(0, end)
@@ -115,7 +115,7 @@ def main() -> int:
     found = curves(options.bag, [line["value"] for panel in (*plots, states) for line in panel["paths"]])
     end = max(float(np.max(times)) for times, _ in found.values() if times)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(13, 7.5), layout="constrained")
+        figure = Figure(figsize=(10, 7.2), layout="constrained")
         left, right = figure.subfigures(1, 2, width_ratios=(0.34, 0.66))
         camera, cell = left.subplots(2, 1)
         draw_camera(camera, options.frames)
@@ -124,7 +124,7 @@ def main() -> int:
         places = [grid[0, 0], grid[0, 1], grid[1, 0], grid[1, 1], grid[2, :]]
         for place, panel in zip(places, plots, strict=True):
             draw_plot(right.add_subplot(place), panel, found)
-        figure.savefig(options.output, dpi=80, metadata={"Software": None})
+        figure.savefig(options.output, dpi=110, metadata={"Software": None})
     return 0
 
 

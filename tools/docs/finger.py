@@ -493,7 +493,7 @@ def draw_chapter_3(path: Path) -> None:
     """Uniform and optimised finger: mode R, mode P, and every law's tip path (Figs 3.6 and 3.7)."""
     from matplotlib import pyplot as plt  # noqa: PLC0415  the backend has to be chosen first
 
-    figure, axes = plt.subplots(1, 3, figsize=(15, 4.6), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(10.5, 3.9), layout="constrained")
     colours = mpl.color_sequences["tab10"]
     for axis, label, routing in (
         (axes[0], "uniform", UNIFORM_ROUTING_MM),
@@ -511,7 +511,7 @@ def draw_chapter_3(path: Path) -> None:
         axes[2].plot(*close(chapter_3_finger(UNIFORM_ROUTING_MM), law, PULLS).tip_mm[0].T, label=name)
     axes[2].set(title="uniform routing, tip (mode P)", xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     axes[2].legend(fontsize="small")
-    figure.savefig(path, dpi=90)
+    figure.savefig(path, dpi=120)
     plt.close(figure)
 
 
@@ -519,7 +519,7 @@ def draw_designs(path: Path) -> None:
     """The fingers of Fig 4.4 over the whole deflection (Fig 4.5, dashed lines)."""
     from matplotlib import pyplot as plt  # noqa: PLC0415  the backend has to be chosen first
 
-    figure, axes = plt.subplots(1, 3, figsize=(15, 4.6), layout="constrained", sharey=True)
+    figure, axes = plt.subplots(1, 3, figsize=(10.5, 3.9), layout="constrained", sharey=True)
     for axis, grasp in zip(axes, CHAPTER_4_MM, strict=True):
         for law, style in ((MomentLaw.ABSOLUTE_TANGENT, "-"), (MomentLaw.SIGNED_TANGENT, ":")):
             found: Solution = close(chapter_4_finger(grasp, law), BRAID, PULLS)
@@ -530,7 +530,7 @@ def draw_designs(path: Path) -> None:
                 axis.plot(total, angle, style, color=mpl.color_sequences["tab10"][j], label=label)
         axis.set(title=grasp, xlabel="J0 + J1 + J2 [deg]", ylabel="angle [deg]")
     axes[0].legend(fontsize="small")
-    figure.savefig(path, dpi=90)
+    figure.savefig(path, dpi=120)
     plt.close(figure)
 
 
@@ -538,7 +538,7 @@ def draw_paths(path: Path) -> None:
     """Hysteresis of tension and joints, and a closing on an object."""
     from matplotlib import pyplot as plt  # noqa: PLC0415  the backend has to be chosen first
 
-    figure, axes = plt.subplots(1, 3, figsize=(15, 4.6), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(10.5, 3.9), layout="constrained")
     up = np.arange(0.2, 16.01, 0.1)
     there_and_back = np.concatenate([up, up[::-1]])
     loop = follow(ELASTIC_POWER, BRAID, there_and_back)
@@ -556,7 +556,7 @@ def draw_paths(path: Path) -> None:
     axes[2].plot(up, held.contact_force[:, 0], label="force on the cylinder")
     axes[2].set(title="closing on a cylinder", xlabel="pulled length [mm]", ylabel="[N]")
     axes[2].legend(fontsize="small")
-    figure.savefig(path, dpi=90)
+    figure.savefig(path, dpi=120)
     plt.close(figure)
 
 

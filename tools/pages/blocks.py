@@ -18,6 +18,7 @@ with a bag, or checks a file.
 from __future__ import annotations
 
 import argparse
+import code
 import collections
 import contextlib
 import io
@@ -30,6 +31,7 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 import yaml
@@ -219,6 +221,38 @@ class Reader:
                 process.wait(30.0)
             except subprocess.TimeoutExpired:
                 os.killpg(process.pid, signal.SIGKILL)
+
+
+class _Prompt(code.InteractiveConsole):
+    """Python's prompt, line by line; what a line completes is compiled and not run."""
+
+    def __init__(self, block: Block) -> None:
+        super().__init__()
+        self._block = block
+
+    def runcode(self, code: CodeType) -> None:
+        """Run nothing."""
+
+    def showsyntaxerror(self, *_: object, **__: object) -> None:
+        """Say which line cannot be typed."""
+        typed = "\n".join(self.buffer)
+        why = "an empty line may be missing, or one too many"
+        raise BlockError(f"{self._block.place}: Python's prompt does not take\n{typed}\n{why}")
+
+
+def check_at_prompt(block: Block) -> None:
+    """Check that a block of Python can be pasted at Python's prompt, with Enter once more behind it.
+
+    There an empty line ends a function or a loop, and nothing else does.
+
+    Raises:
+        BlockError: it cannot.
+    """
+    prompt = _Prompt(block)
+    for line in [*block.text.splitlines(), ""]:
+        incomplete = prompt.push(line)
+    if incomplete:
+        raise BlockError(f"{block.place}: expected a block that ends, found one that Python's prompt waits for more of")
 
 
 def compare(block: Block, printed: str) -> None:

@@ -12,7 +12,10 @@ WORKSPACE = ROOT / "ros2_ws" / "src"
 
 def cell(text: object) -> str:
     """Return a text as it may stand in a cell of a table."""
-    return str(text).replace("|", "\\|").replace("\n", " ").replace("<", "&lt;").strip()
+    parts = str(text).replace("|", "\\|").replace("\n", " ").split("`")
+    # what stands between ` is shown as it is
+    parts[::2] = [part.replace("<", "&lt;") for part in parts[::2]]
+    return "`".join(parts).strip()
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -28,7 +28,7 @@ def page() -> str:
         rows = importlib.import_module(module).PARAMETERS.rows
         parts += [
             f"## {node}\n",
-            table(("name", "default", "unit", "bounds", "live", "meaning"), [_row(row, scripts) for row in rows]),
+            table(("name", "default", "bounds", "meaning"), [_row(row, scripts) for row in rows]),
         ]
     return "\n".join(parts)
 
@@ -38,5 +38,6 @@ def _row(row: Any, scripts: ModuleType) -> tuple[str, ...]:
     high = "" if row.maximum is None else f"{row.maximum:g}"
     bounds = f"{low} .. {high}" if low or high else ", ".join(map(str, row.choices))
     former = f" Former name: `{row.former}`." if row.former else ""
-    default = code(scripts.yaml_value(row.default))
-    return code(row.name), default, row.unit, bounds, "yes" if row.changeable else "", row.description + former
+    live = " *Live.*" if row.changeable else ""
+    default = f"{code(scripts.yaml_value(row.default))} {row.unit}".rstrip()
+    return code(row.name), default, bounds, row.description + former + live

@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from softgrip_bag.statistics import BagStatistics
 from softgrip_bag.story import RecordedClosing, RecordedFit, RecordedSample, Story
@@ -90,17 +91,47 @@ def fit_figure(fit: RecordedFit, samples: Sequence[RecordedSample]) -> str:
 
 
 def closing_figure(closing: RecordedClosing) -> str:
-    """The fingertip's places, seen and predicted."""
-    order = np.argsort(closing.pulled)
+    """Joint angles over pulled length and the fingertip's path: seen as dots, predicted as lines, one a closing."""
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(3.7, 3.2), layout="constrained")
-        axes = figure.subplots()
-        axes.plot(*(closing.measured.T * MILLIMETRES), ".", color=COLOURS[1], ms=3, label="markers")
-        axes.plot(*(closing.predicted[order].T * MILLIMETRES), "-", color=COLOURS[0], lw=1.4, label="prediction")
-        axes.set(xlabel="x [mm]", ylabel="y [mm]", title=f"{closing.profile}, {closing.finger}")
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.legend(loc="lower left")
+        figure = Figure(figsize=(7.2, 3.3), layout="constrained")
+        angles, path = figure.subplots(1, 2)
+        for run in np.unique(closing.run):
+            own = closing.run == run
+            draw_joints(
+                angles, closing.pulled[own], closing.measured_angles[own], closing.predicted_angles[own], named=run == 0
+            )
+            path.plot(*(closing.measured[own].T * MILLIMETRES), ".", color=COLOURS[1], ms=3)
+            path.plot(*(closing.predicted[own].T * MILLIMETRES), "-", color=COLOURS[0], lw=1.4)
+        angles.set(xlabel="pulled length [mm]", ylabel="joint angle [deg]", title="joint angles")
+        angles.legend(loc="upper left")
+        path.set(xlabel="x [mm]", ylabel="y [mm]", title="path of the fingertip")
+        path.set_aspect("equal", adjustable="datalim")
+        figure.suptitle(f"{closing.profile}, {closing.finger}", fontsize=10)
         return svg(figure)
+
+
+def draw_joints(
+    axes: Axes,
+    pulled_m: NDArray[np.float64],
+    measured: NDArray[np.float64],
+    predicted: NDArray[np.float64],
+    *,
+    named: bool = True,
+) -> None:
+    """Joint angles over pulled length, a colour a joint: measured as dots, predicted as lines.
+
+    Args:
+        axes: to draw into.
+        pulled_m: (n,) [m].
+        measured: (n, joints) [rad].
+        predicted: (n, joints) [rad].
+        named: put the joints into the legend.
+    """
+    for joint in range(predicted.shape[1]):
+        colour = COLOURS[joint % len(COLOURS)]
+        label = f"J{joint}" if named else None
+        axes.plot(pulled_m * MILLIMETRES, measured[:, joint] * DEGREES, ".", color=colour, ms=3, alpha=0.6)
+        axes.plot(pulled_m * MILLIMETRES, predicted[:, joint] * DEGREES, "-", color=colour, lw=1.4, label=label)
 
 
 def timeline_figure(found: BagStatistics, story: Story) -> str:

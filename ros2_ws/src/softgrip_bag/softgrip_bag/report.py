@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from softgrip_bag import latency, plots
@@ -65,6 +66,7 @@ def data(bag: Path, found: BagStatistics, story: Story) -> dict[str, Any]:
             {
                 "profile": closing.profile,
                 "finger": closing.finger,
+                "runs": len(np.unique(closing.run)),
                 "frames": len(closing.pulled),
                 "tip_error_pct_mean": number(closing.error_percent.mean()) if closing.error_percent.size else None,
                 "tip_error_pct_max": number(closing.error_percent.max()) if closing.error_percent.size else None,

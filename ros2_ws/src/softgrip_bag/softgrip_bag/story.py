@@ -50,19 +50,24 @@ class RecordedFit:
 
 @dataclass(frozen=True)
 class RecordedClosing:
-    """Everything that the camera saw of one finger of one profile moving free, beside its prediction.
+    """The free closings of one finger of one profile as the camera saw them, beside their prediction.
 
     Attributes:
+        run: (n,) to which closing a frame belongs, from 0 on.
         pulled: (n,) [m].
         measured, predicted: (n, 2) fingertip [m] in the finger's base frame.
+        measured_angles, predicted_angles: (n, joints) [rad] base to tip; NaN where nobody said.
         error_percent: (m,) tip errors of finger/residual [% of the finger's length].
     """
 
     profile: str
     finger: str
+    run: NDArray[np.int64]
     pulled: NDArray[np.float64]
     measured: NDArray[np.float64]
     predicted: NDArray[np.float64]
+    measured_angles: NDArray[np.float64]
+    predicted_angles: NDArray[np.float64]
     error_percent: NDArray[np.float64]
 
 

@@ -190,6 +190,7 @@ class StreamSilence:
     def __init__(self, checks: int) -> None:
         self._limit = checks
         self._checks_left = checks
+        self.was_heard = False
 
     @property
     def reached(self) -> bool:
@@ -199,6 +200,7 @@ class StreamSilence:
     def hear(self) -> None:
         """Record a message."""
         self._checks_left = 0
+        self.was_heard = True
 
     def pass_period(self) -> None:
         """Let one period pass."""

@@ -34,6 +34,7 @@ def motion(stamp_ns: int) -> FreeMotion:
 def test_silence_is_counted_in_looks_and_ends_with_a_word() -> None:
     silence = StreamSilence(3)
     assert silence.reached  # nothing was ever heard
+    assert not silence.was_heard
     silence.hear()
     states = []
     for _ in range(3):
@@ -41,6 +42,7 @@ def test_silence_is_counted_in_looks_and_ends_with_a_word() -> None:
         silence.pass_period()
     assert states == [False] * 3
     assert silence.reached
+    assert silence.was_heard
     silence.hear()
     assert not silence.reached
 

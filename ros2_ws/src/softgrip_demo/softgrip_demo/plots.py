@@ -11,7 +11,7 @@ from matplotlib.collections import PatchCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from softgrip_bag.plots import COLOURS, DEGREES, MILLIMETRES, STYLE, draw_ratio, svg
+from softgrip_bag.plots import COLOURS, DEGREES, MILLIMETRES, STYLE, draw_joints, draw_ratio, svg
 from softgrip_demo.summary import tip_errors_percent, tip_half_widths
 from softgrip_model.friction.laws import FrictionLaw, KReading, Law
 
@@ -38,16 +38,13 @@ def friction_figure(friction: FrictionResult) -> str:
 
 def joints_figure(closing: ShiftClosing) -> str:
     """Joint angles over pulled length: markers as dots, prediction as lines."""
-    pulled = np.array([s.pulled_length_m for s in closing.samples]) * MILLIMETRES
-    measured = np.array([s.measured_angles for s in closing.samples]) * DEGREES
-    predicted = np.array([s.predicted_angles for s in closing.samples]) * DEGREES
+    pulled = np.array([s.pulled_length_m for s in closing.samples])
+    measured = np.array([s.measured_angles for s in closing.samples])
+    predicted = np.array([s.predicted_angles for s in closing.samples])
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(3.7, 3.1), layout="constrained")
         axes = figure.subplots()
-        for joint in range(predicted.shape[1]):
-            colour = COLOURS[joint % len(COLOURS)]
-            axes.plot(pulled, measured[:, joint], ".", color=colour, ms=3, alpha=0.6)
-            axes.plot(pulled, predicted[:, joint], "-", color=colour, lw=1.4, label=f"J{joint}")
+        draw_joints(axes, pulled, measured, predicted)
         axes.set(xlabel="pulled length [mm]", ylabel="joint angle [deg]", title=closing.grasp)
         axes.legend(loc="upper left")
         return svg(figure)

@@ -22,18 +22,18 @@ COLOURS = mpl.color_sequences["tab10"]
 def draw_design(title: str, design: HandDesign, path: Path) -> None:
     """Draw every followed finger as Fig 4.5 does: joint over whole deflection, human solid, finger dashed."""
     columns = len(design.followed)
-    figure, axes = plt.subplots(1, columns, figsize=(4.6 * columns, 4.4), layout="constrained", squeeze=False)
+    figure, axes = plt.subplots(1, columns, figsize=(3.6 * columns, 3.9), layout="constrained", squeeze=False)
     for axis, one in zip(axes[0], design.followed, strict=True):
         total = np.degrees(one.target.deflection_rad)
         for j in range(one.target.joints):
             axis.plot(total, np.degrees(one.target.angle_rad[:, j]), color=COLOURS[j], label=f"J{j} hand")
             axis.plot(total, np.degrees(one.closing.angle_rad[0, :, j]), "--", color=COLOURS[j], label=f"J{j} finger")
         axis.set(
-            title=f"{one.name}: error {one.error_deg:.2f} deg, force {one.force_n:.1f} N",
+            title=f"{one.name}\nerror {one.error_deg:.2f} deg, force {one.force_n:.1f} N",
             xlabel="whole deflection [deg]",
             ylabel="joint angle [deg]",
         )
-        axis.legend(fontsize="x-small")
+        axis.legend(fontsize="small")
     figure.suptitle(title)
     figure.savefig(path, dpi=130)
     plt.close(figure)

@@ -23,7 +23,8 @@ from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.rig import EmulatedRig
 
 DOCUMENT = Path(__file__).resolve().parents[4] / "docs" / "bench.md"
-LINES = [line for line in DOCUMENT.read_text().splitlines() if line.startswith("ros2 run softgrip_driver ")]
+TEXT = DOCUMENT.read_text().replace("\\\n", " ")  # a long line goes on below
+LINES = [line for line in TEXT.splitlines() if line.startswith("ros2 run softgrip_driver ")]
 #: the document's ports: servos, stage, gauge
 PORTS = {"/dev/ttyUSB0": "servos", "/dev/ttyUSB1": "stand", "/dev/ttyACM0": "gauge"}
 G = 9.81

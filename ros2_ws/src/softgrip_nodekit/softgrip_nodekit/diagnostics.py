@@ -80,7 +80,7 @@ MAX_CHARS = 2000
 
 
 class Health(IntEnum):
-    """Level of a component (diagnostic_msgs/DiagnosticStatus)."""
+    """Level of a component (diagnostic_msgs/DiagnosticStatus); STALE: nothing has come yet, and it is early."""
 
     OK = 0
     WARN = 1
@@ -125,10 +125,12 @@ class Diagnostics:
             before = self._components.get(component)
             self._components[component] = (health, message, texts)
         if before is None or before[0] != health:
-            if health >= Health.ERROR:
+            if health == Health.ERROR:
                 self._node.get_logger().error(f"{component}: {message}")
             elif health == Health.WARN:
                 self._node.get_logger().warning(f"{component}: {message}")
+            elif health == Health.STALE:
+                self._node.get_logger().info(f"{component}: {message}")
             self.publish()
 
     def _look_around(self) -> None:

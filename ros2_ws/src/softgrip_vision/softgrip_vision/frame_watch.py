@@ -23,6 +23,30 @@ COUNT_TIME, MISSING_SHARE = 2.0, 0.25
 LOOK = 80
 
 
+class FirstFrameWatch:
+    """Tells a camera that is starting from one that never delivers.
+
+    Args:
+        limit_s: the first frame may take so long [s] from the first question on.
+    """
+
+    def __init__(self, limit_s: float) -> None:
+        self._limit_s = limit_s
+        self._since_s: float | None = None
+
+    def problem(self, now_s: float) -> str:
+        """Return what is wrong in words while no frame has come, empty while it is early.
+
+        Args:
+            now_s: steady clock [s].
+        """
+        if self._since_s is None:
+            self._since_s = now_s
+        if now_s - self._since_s < self._limit_s:
+            return ""
+        return f"expected a first frame within {self._limit_s:g} s, found none; check camera, cable and source"
+
+
 class FrameWatch:
     """Sees every frame, and is asked now and then what is wrong."""
 

@@ -7,7 +7,7 @@ import http.server
 import os
 import socketserver
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import cv2
@@ -64,11 +64,11 @@ class _Server(socketserver.ThreadingMixIn, http.server.HTTPServer):
 
 
 @pytest.fixture
-def serve() -> Iterator[Callable[[Sequence[bytes], str], str]]:
+def serve() -> Iterator[Callable[[Iterable[bytes], str], str]]:
     """Serve the given pieces of a body, one connection after the other gets all of them; returns the URL."""
     servers: list[_Server] = []
 
-    def start(pieces: Sequence[bytes], content_type: str = "multipart/x-mixed-replace; boundary=frame") -> str:
+    def start(pieces: Iterable[bytes], content_type: str = "multipart/x-mixed-replace; boundary=frame") -> str:
         class Handler(http.server.BaseHTTPRequestHandler):
             def do_GET(self) -> None:
                 self.send_response(200)

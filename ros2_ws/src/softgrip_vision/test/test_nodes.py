@@ -10,7 +10,9 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -51,6 +53,7 @@ class Watcher(Node):
         self.overlays: list[CompressedImage] = []
         self.transforms: list[TFMessage] = []
         self.health: dict[str, tuple[int, str]] = {}
+        self.levels: dict[str, set[int]] = defaultdict(set)  # all that there were
         self.create_subscription(FingerStates, "finger/measured", self.measured.append, SENSOR)
         self.create_subscription(FingerMarkers, "finger/markers", self.markers.append, SENSOR)
         self.create_subscription(CompressedImage, "camera/image_raw/compressed", self.images.append, SENSOR)
@@ -70,6 +73,7 @@ class Watcher(Node):
         for status in message.status:
             level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
             self.health[status.name] = (level, status.message)
+            self.levels[status.name].add(level)
 
     def start(self, node: str, **parameters: object) -> subprocess.Popen[str]:
         settings = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
@@ -147,7 +151,7 @@ def test_from_stream_to_joint_angles(
     watcher.start("camera", **camera)
     watcher.start("marker_tracker", calibration_file=calibration_file, overlay=True)
     assert watcher.until(lambda: watcher.said("waiting for the file"))
-    assert watcher.until(lambda: watcher.said("no frame yet"))
+    assert watcher.until(lambda: watcher.said("no frame yet; is the camera running?"))
     now = time.time()
     pointer.write_text(serve([part(jpeg, f"{now:.6f}")]))
     assert watcher.until(lambda: bool(watcher.images and watcher.infos and watcher.measured and watcher.overlays))
@@ -207,6 +211,40 @@ def test_the_first_frame_waits_for_those_who_want_all_of_them(
     node.destroy_node()
 
 
+class HeldBack:
+    """A body whose one piece is sent once it is let go of."""
+
+    def __init__(self, piece: bytes) -> None:
+        self._piece = piece
+        self.go = threading.Event()
+
+    def __iter__(self) -> Iterator[bytes]:
+        self.go.wait(DEADLINE)
+        yield self._piece
+        time.sleep(DEADLINE)  # the stream goes on, without another frame
+
+
+def test_before_the_first_frame_a_camera_waits_and_afterwards_a_missing_one_is_an_error(
+    watcher: Watcher, jpeg: bytes, serve: Callable[..., str], part: Callable[[bytes, str | None], bytes]
+) -> None:
+    body = HeldBack(part(jpeg, f"{time.time():.6f}"))
+    watcher.start("camera", source=serve(body), timeout_s=60.0, stale_after_s=0.1)
+    assert watcher.until(lambda: watcher.said("no frame yet, waiting"))
+    end = time.monotonic() + 1.5  # three looks of the node
+    watcher.until(lambda: time.monotonic() > end)
+    assert watcher.levels["camera: capture"] == {3}  # DiagnosticStatus.STALE
+    body.go.set()
+    assert watcher.until(lambda: bool(watcher.images))
+    assert watcher.until(lambda: watcher.said("expected frames younger than 0.1 s"))
+    assert watcher.health["camera: capture"][0] == 2
+
+
+def test_a_camera_that_never_delivers_is_named(watcher: Watcher, jpeg: bytes, serve: Callable[..., str]) -> None:
+    watcher.start("camera", source=serve(HeldBack(jpeg)), timeout_s=60.0, first_frame_s=1.0)
+    assert watcher.until(lambda: watcher.said("expected a first frame within 1 s, found none; check camera, cable"))
+    assert watcher.health["camera: capture"][0] == 2
+
+
 def test_bad_frames_are_named_and_nothing_is_measured(watcher: Watcher, calibration_file: Path, jpeg: bytes) -> None:
     watcher.start("marker_tracker", calibration_file=calibration_file)
     assert watcher.until(lambda: watcher.compressed.get_subscription_count() >= 2)
@@ -246,7 +284,7 @@ def test_a_size_that_changes_in_mid_stream_is_named_by_both_nodes(
     small = bytes(cv2.imencode(".jpg", np.zeros((360, 640, 3), np.uint8))[1])
     url = serve([part(jpeg, None), part(small, None)])
     watcher.start("marker_tracker", calibration_file=calibration_file)
-    assert watcher.until(lambda: watcher.said("no frame yet"))
+    assert watcher.until(lambda: watcher.said("no frame yet; is the camera running?"))
     watcher.start("camera", source=url, calibration_file=calibration_file, reconnect_delay_s=0.2)
     assert watcher.until(
         lambda: all(
@@ -307,7 +345,7 @@ def test_a_tracker_whose_frames_take_long_steps_behind_until_they_are_brief_agai
 
         return watcher.until(look)
 
-    assert watcher.until(lambda: watcher.said("no frame yet"))
+    assert watcher.until(lambda: watcher.said("no frame yet; is the camera running?"))
     assert watcher.until(lambda: os.sched_getscheduler(process) == os.SCHED_FIFO)
     assert goes(os.SCHED_OTHER, large)
     assert goes(os.SCHED_FIFO, small)

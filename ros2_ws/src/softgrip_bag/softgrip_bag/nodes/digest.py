@@ -4,15 +4,20 @@
 from __future__ import annotations
 
 import json
+import math
 from bisect import bisect_left
 from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
+from softgrip_bag.closings import FingerFrame, free_closings
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.messages import message_class, stamp_of, tree
 from softgrip_bag.nodes.recorded_bag import RecordedBag
@@ -57,11 +62,23 @@ _TRACE = "/grasp_mix_manager/trace"
 _UUID = 16
 #: [ns] a camera frame and a prediction of the same instant are at most so far apart.
 _TOGETHER = 20_000_000
-#: Modes in which something may be between the fingers.
-_BUSY = {"GRASPING", "HOLDING"}
+#: Modes in which something may be between the fingers, or they do not do what they are told.
+_BUSY = {"GRASPING", "HOLDING", "FAULT", "ESTOP"}
 _ERROR = 2  # diagnostic_msgs/DiagnosticStatus.ERROR
 
-Tip = tuple[int, float, tuple[float, float]]  # stamp [ns], pulled length [m], tip [m]
+
+@dataclass(frozen=True)
+class _State:
+    """One finger of a message: stamp [ns], pulled length [m], tip [m], joint angles [rad]."""
+
+    stamp: int
+    pulled_m: float
+    tip: tuple[float, float]
+    angles: tuple[float, ...]
+    can_close: bool
+
+
+_NOTHING = _State(0, math.nan, (math.nan, math.nan), (), can_close=False)
 
 
 class _Reader:
@@ -72,9 +89,11 @@ class _Reader:
         self.story = Story()
         self._mode = ""
         self._faults: dict[tuple[str, str], str] = {}
-        self.measured: dict[tuple[str, str], list[Tip]] = defaultdict(list)
-        self.predicted: dict[tuple[str, str], list[Tip]] = defaultdict(list)
-        self.errors: dict[str, list[tuple[int, float]]] = defaultdict(list)
+        self._unfit: set[str] = set()  # tendons without a zero, or with a fault
+        self.measured: dict[tuple[str, str], list[_State]] = defaultdict(list)
+        self.predicted: dict[tuple[str, str], list[_State]] = defaultdict(list)
+        # of each residual by its stamp: pulled length [m] at that instant, tip error [%]
+        self.residuals: dict[str, dict[int, tuple[float, float]]] = defaultdict(dict)
 
     def read_message(self, raw: RawMessage, message: Any) -> None:
         name = raw.topic.removeprefix(self._cell).strip("/").replace("/", "_")
@@ -110,26 +129,30 @@ class _Reader:
         )
 
     def _finger_measured(self, _: int, message: FingerStates) -> None:
-        if self._mode not in _BUSY:
-            self._tips(message, self.measured)
+        self._states(message, self.measured)
 
     def _finger_predicted(self, _: int, message: FingerStates) -> None:
-        self._tips(message, self.predicted)
+        self._states(message, self.predicted)
 
-    def _tips(self, message: FingerStates, into: dict[tuple[str, str], list[Tip]]) -> None:
+    def _states(self, message: FingerStates, into: dict[tuple[str, str], list[_State]]) -> None:
         stamp = stamp_of(message)
         for finger in message.fingers:
             if finger.validity != finger.FAILED:
+                can_close = self._mode not in _BUSY and finger.finger not in self._unfit
                 tip = (float(finger.tip.x), float(finger.tip.y))
-                into[finger.profile, finger.finger].append((stamp, float(finger.pulled_length), tip))
+                state = _State(
+                    stamp, float(finger.pulled_length), tip, tuple(map(float, finger.joint_angles)), can_close
+                )
+                into[finger.profile, finger.finger].append(state)
 
     def _finger_residual(self, _: int, message: PredictionResidual) -> None:
-        if self._mode not in _BUSY:
-            self.errors[message.finger].append((stamp_of(message), float(message.tip_error_percent)))
+        residual = (float(message.pulled_length), float(message.tip_error_percent))
+        self.residuals[message.finger][stamp_of(message)] = residual
 
     def _tendon_status(self, time: int, message: TendonStatusArray) -> None:
         for tendon in message.tendons:
             self._fault(time, "tendon/status", tendon.tendon, tendon.fault, tendon.reason)
+        self._unfit = {one.tendon for one in message.tendons if one.fault or not one.homed or one.state == one.HOMING}
         self._fault(time, "tendon/status", "all", "estop" if message.estop else "", "the emergency stop is latched")
 
     def _diagnostics(self, time: int, message: DiagnosticArray) -> None:
@@ -166,27 +189,55 @@ def digest(bag: Path) -> Story:
 def _closings(reader: _Reader) -> list[RecordedClosing]:
     found = []
     for (profile, finger), seen in sorted(reader.measured.items()):
-        expected = reader.predicted.get((profile, finger), [])
-        stamps = [stamp for stamp, _, _ in expected]
-        pairs = []
-        for stamp, _, tip in seen:
-            at = bisect_left(stamps, stamp)
-            nearest = min(
-                (i for i in (at - 1, at) if 0 <= i < len(stamps)), key=lambda i: abs(stamps[i] - stamp), default=-1
-            )
-            if nearest >= 0 and abs(stamps[nearest] - stamp) <= _TOGETHER:
-                pairs.append((expected[nearest][1], tip, expected[nearest][2]))
-        if not pairs:
+        residuals = reader.residuals[finger]
+        pulled = {stamp: length for stamp, (length, _) in residuals.items()}
+        runs = free_closings(_frames(seen, reader.predicted.get((profile, finger), []), pulled))
+        frames = [frame for run in runs for frame in run]
+        if not frames:
             continue
-        own = {stamp for stamp, _, _ in seen}
-        errors = [error for stamp, error in reader.errors[finger] if stamp in own and np.isfinite(error)]
-        pulled, measured, predicted = zip(*pairs, strict=True)
+        joints = max(len(frame.predicted_angles) for frame in frames)
+        errors = [residuals[frame.stamp][1] for frame in frames if frame.stamp in residuals]
         found.append(
             RecordedClosing(
-                profile, finger, np.array(pulled), np.array(measured), np.array(predicted), np.array(errors)
+                profile,
+                finger,
+                run=np.repeat(np.arange(len(runs)), [len(run) for run in runs]),
+                pulled=np.array([frame.pulled_m for frame in frames]),
+                measured=np.array([frame.measured_tip for frame in frames]),
+                predicted=np.array([frame.predicted_tip for frame in frames]),
+                measured_angles=_angles((frame.measured_angles for frame in frames), joints),
+                predicted_angles=_angles((frame.predicted_angles for frame in frames), joints),
+                error_percent=np.array([error for error in errors if np.isfinite(error)]),
             )
         )
     return found
+
+
+def _frames(seen: Sequence[_State], expected: Sequence[_State], pulled: Mapping[int, float]) -> list[FingerFrame]:
+    """Return what was seen with the prediction of the same instant, NaN where only its residual is recorded.
+
+    Args:
+        seen: of one finger, in the order of their stamps.
+        expected: the same.
+        pulled: stamp -> pulled length [m] of each residual; the prediction's stands in elsewhere.
+    """
+    stamps = [one.stamp for one in expected]
+    frames = []
+    for state in seen:
+        at = bisect_left(stamps, state.stamp)
+        beside = [expected[i] for i in (at - 1, at) if 0 <= i < len(stamps)]
+        nearest = min(beside, key=lambda one: abs(one.stamp - state.stamp), default=_NOTHING)
+        predicted = nearest if abs(nearest.stamp - state.stamp) <= _TOGETHER else _NOTHING
+        length = pulled.get(state.stamp, predicted.pulled_m)
+        if np.isfinite(length):
+            tips, angles = (state.tip, predicted.tip), (state.angles, predicted.angles)
+            frames.append(FingerFrame(state.stamp, length, *tips, *angles, state.can_close))
+    return frames
+
+
+def _angles(rows: Iterable[tuple[float, ...]], joints: int) -> NDArray[np.float64]:
+    """Return (n, joints) [rad]; a row of another length says nothing about the joints."""
+    return np.array([row if len(row) == joints else (np.nan,) * joints for row in rows]).reshape(-1, joints)
 
 
 def _grasps(bag: RecordedBag) -> list[RecordedGrasp]:

@@ -65,7 +65,8 @@ LOOK_S = 0.1
 #: What could not be written is tried again, and tendons that may hold something are asked for again, so often [s].
 RETRY_S = 2.0
 
-#: After its start the driver may take so long before its silence is an error [s].
+#: After its start the driver may take so long before its silence is an error [s]. It is counted in checks, since an
+#: emulated cell's time begins after this node.
 START_S = 10.0
 
 
@@ -85,6 +86,7 @@ class GraspMixManager(CellNode):
         self._status: TendonStatusArray | None = None
         self._silence_s: float = values["silence_s"]
         self._status_silence, self._state_silence = (StreamSilence(round(self._silence_s / LOOK_S)) for _ in range(2))
+        self._start_checks_left = round(START_S / LOOK_S)
         self._dropped = 0  # tendon/state messages without a number for every slot
         self._next_retry_s = 0.0
         self._friction: FrictionModel | None = None
@@ -99,7 +101,6 @@ class GraspMixManager(CellNode):
         except StartupError:
             self._database.close()
             raise
-        self._started_at_s = self._node_io.monotonic_s()
         heartbeats = self.create_publisher(LeaseHeartbeat, "tendon/heartbeat", RELIABLE)
         self._lease = TendonLease(
             self._node_io, heartbeats.publish, WHO, self._slots, values["lease_s"], self._on_lease_lost
@@ -250,6 +251,7 @@ class GraspMixManager(CellNode):
     def _watch(self) -> None:
         """What no message tells: silence, a person who does not come back, a disk that can be written again."""
         self._lease.send_heartbeat()
+        self._start_checks_left = max(0, self._start_checks_left - 1)
         self._status_silence.pass_period()
         self._state_silence.pass_period()
         self._watch_silence()
@@ -264,18 +266,15 @@ class GraspMixManager(CellNode):
 
     def _watch_silence(self) -> None:
         """End what moves when the driver is not heard any more: nobody knows where the fingers are."""
-        silent = [
-            topic
-            for topic, silence in (("tendon/state", self._state_silence), ("tendon/status", self._status_silence))
-            if silence.reached
-        ]
+        streams = {"tendon/state": self._state_silence, "tendon/status": self._status_silence}
+        silent = [topic for topic, silence in streams.items() if silence.reached]
         if not silent:
             text = "tendon/state is coming in"
             if self._dropped:
                 text += f"; {self._dropped} messages without a number for every slot were dropped"
             self._diagnostics.set("tendons", Health.OK, text, {"late_inputs": self._order.late})
-        elif self._status is None and self._node_io.monotonic_s() - self._started_at_s < START_S:
-            self._diagnostics.set("tendons", Health.STALE, "waiting for the first tendon/state and tendon/status")
+        elif self._start_checks_left and not any(streams[topic].was_heard for topic in silent):
+            self._diagnostics.set("tendons", Health.STALE, f"waiting for the first {' and '.join(silent)}")
         else:
             reason = f"expected {' and '.join(silent)}, found none for {self._silence_s:g} s"
             if self._dropped:

@@ -12,18 +12,22 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 
 from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
+from softgrip_cell.nodes.grasp_mix_manager import START_S
 from softgrip_cell.nodes.tendon_lease import HAND_OVER_S
 from softgrip_interfaces.action import Grasp, MoveTendon, SwapFingers
 from softgrip_interfaces.msg import CellState, TendonStatus
 from softgrip_interfaces.srv import AcquireLock
+from softgrip_nodekit import RELIABLE
 
 pytestmark = pytest.mark.ros
 
 TOUCHED = (0.008, 0.009, 0.0085)
+OK, ERROR, STALE = 0, 2, 3  # diagnostic_msgs/DiagnosticStatus
 
 
 def ready(cell: Any, *parameters: str) -> None:
@@ -341,6 +345,45 @@ def test_a_manager_that_comes_back_keeps_alive_what_is_held(cell: Any) -> None:
 
 
 # --- silence and wrong numbers ---------------------------------------------------------------------------------------
+
+
+def heard_of_tendons(cell: Any) -> list[tuple[int, str]]:
+    """Level and words of the manager's component tendons on /diagnostics; the list grows."""
+    said: list[tuple[int, str]] = []
+
+    def on_diagnostics(message: DiagnosticArray) -> None:
+        said.extend(
+            (one.level[0] if isinstance(one.level, bytes) else int(one.level), one.message)
+            for one in message.status
+            if one.name == "grasp_mix_manager: tendons"
+        )
+
+    cell.node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, RELIABLE)
+    return said
+
+
+def test_a_driver_that_is_still_starting_is_waited_for_and_one_that_ends_is_missed_at_once(cell: Any) -> None:
+    said = heard_of_tendons(cell)
+    cell.driver.quiet = cell.driver.status_quiet = True
+    cell.start(mode=CellState.UNKNOWN)
+    cell.until(lambda: bool(said), 10.0, "the first word on the tendons")
+    cell.driver.quiet = False
+    cell.until(lambda: said[-1][1] == "waiting for the first tendon/status", 8.0, "tendon/status to be waited for")
+    cell.driver.status_quiet = False
+    cell.until(lambda: said[-1][0] == OK, 10.0, "the driver to be heard")
+    assert {level for level, _ in said} == {OK, STALE}, said
+    assert said[0] == (STALE, "waiting for the first tendon/state and tendon/status")
+    cell.driver.status_quiet = True
+    cell.until(lambda: said[-1][0] == ERROR, 10.0, "an error")
+    assert said[-1][1] == "expected tendon/status, found none for 1 s; start or check tendon_driver"
+
+
+def test_a_driver_that_never_comes_is_an_error(cell: Any) -> None:
+    said = heard_of_tendons(cell)
+    cell.driver.quiet = cell.driver.status_quiet = True
+    cell.start(mode=CellState.UNKNOWN)
+    cell.until(lambda: bool(said) and said[-1][0] == ERROR, START_S + 10.0, "an error")
+    assert said[-1][1] == "expected tendon/state and tendon/status, found none for 1 s; start or check tendon_driver"
 
 
 @pytest.mark.parametrize(("what", "topic"), [("quiet", "tendon/state"), ("status_quiet", "tendon/status")])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -43,7 +44,7 @@ from softgrip_vision import calibration
 from softgrip_vision.calibration import file_when_there
 from softgrip_vision.camera_pose import camera_pose
 from softgrip_vision.errors import CalibrationError, FrameError, VisionError
-from softgrip_vision.frame_watch import FrameWatch
+from softgrip_vision.frame_watch import FirstFrameWatch, FrameWatch
 from softgrip_vision.nodes import convert
 from softgrip_vision.sources import CameraFrame, Capture, CaptureState, CaptureStatus, SourceOptions
 from softgrip_vision.v4l2_controls import LEAVE, POWER_LINE, ControlSettings
@@ -92,6 +93,14 @@ PARAMETERS = ParameterTable(
     Parameter("reconnect_delay_s", 0.5, "between attempts to connect", "s", 0.05, 60.0),
     Parameter("repeat", False, "start a file or folder again at its end"),
     Parameter("queue_depth", 2, "frames kept when the node is busy; older ones are dropped", "", 1, 30),
+    Parameter(
+        "first_frame_s",
+        10.0,
+        "a camera may take so long to its first frame before that is an error on /diagnostics",
+        "s",
+        0.5,
+        120.0,
+    ),
     Parameter("stale_after_s", 1.0, "a newest frame older than this is an error on /diagnostics", "s", 0.05, 60.0),
     realtime_parameter(Rank.ORDINARY),
 )
@@ -133,6 +142,7 @@ class CameraNode(CellNode):
         self._published = 0
         self._last_stamp_ns = 0
         self._size_problem = ""
+        self._first_frame = FirstFrameWatch(self._values["first_frame_s"])
         self._watch = FrameWatch()
         self._capture = self._make_capture()
         self._expected = {name.strip() for name in self._values["wait_for"].split(",")} - {""}
@@ -299,15 +309,25 @@ class CameraNode(CellNode):
         )
 
     def _judge(self, status: CaptureStatus, age: float) -> tuple[Health, str]:
-        if status.state in {CaptureState.WAITING, CaptureState.CONNECTING}:
-            return Health.WARN, f"{status.state.value}: {status.message}"
-        if status.state is CaptureState.ENDED:
-            return Health.WARN, status.message
         if status.state is CaptureState.BROKEN:
             return Health.ERROR, status.message
+        if status.state is CaptureState.ENDED:
+            return Health.WARN, status.message
+        what = f"{status.state.value}: {status.message}"
+        if not self._published and status.state is not CaptureState.WAITING:
+            return self._judge_start(what)
+        if status.state in {CaptureState.WAITING, CaptureState.CONNECTING}:
+            return Health.WARN, what
         if age > self._values["stale_after_s"]:
             return Health.ERROR, f"expected frames younger than {self._values['stale_after_s']:g} s, found {age:.1f} s"
         return Health.OK, status.message
+
+    def _judge_start(self, what: str) -> tuple[Health, str]:
+        """Return how the camera is before its first frame."""
+        if not self._waiting.is_canceled():
+            return Health.STALE, "no frame yet, waiting for the nodes of parameter wait_for"
+        problem = self._first_frame.problem(time.monotonic())
+        return (Health.ERROR, f"{problem} ({what})") if problem else (Health.STALE, f"no frame yet, waiting ({what})")
 
     def close(self) -> None:
         """Stop capturing and let go of the device."""
