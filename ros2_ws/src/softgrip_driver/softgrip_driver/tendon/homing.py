@@ -142,7 +142,7 @@ class Homing:
         """Advance."""
         limits = self._limits
         silent, self._heard = view.now - self._heard, view.now
-        if self._looks(view) and silent > self.max_silence:
+        if self._is_seeking(view) and silent > self.max_silence:
             return self._begin_again_after(silent, view)
         if view.now - self._started > limits.homing_timeout:
             if self._silence:
@@ -158,7 +158,7 @@ class Homing:
             return self._take_up(view)
         return self._go_to_zero(view)
 
-    def _looks(self, view: DriveObservation) -> bool:
+    def _is_seeking(self, view: DriveObservation) -> bool:
         """Whether the knee is looked for: not while the drive lets out or gets up to speed."""
         return self._phase is _Phase.TAKE_UP and view.pulled_length_m - self._stood_at > self.RUN_UP
 
