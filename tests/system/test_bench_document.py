@@ -23,7 +23,7 @@ import yaml
 
 from softgrip_driver.rig.gauge_calibration import read_calibration
 from softgrip_driver.rig.journal import PlanJournal
-from softgrip_emulator.rig.sketches import COUNTS_PER_NEWTON
+from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON
 from softgrip_emulator.rig.truth import RigTruth
 from softgrip_testing.synthetic_boards import POSES, BoardCamera
 from softgrip_testing.terminal import CommandTerminal

@@ -91,6 +91,8 @@ _ROWS = (
           "its zero has drifted or its cell is reversed: take the load off, calibrate_cell; then estop_reset"),
     Fault("homing_failed", Reaction.HOLD, Recovery.COMMAND, "homing did not find the taut tendon",
           "check the tendon and the homing parameters"),
+    Fault("homing_interrupted", Reaction.HOLD, Recovery.COMMAND, "the bus or the computer fell silent during homing",
+          "see the loop rate and lost_replies; end other programs or set homing_speed_m_s lower, then home again"),
     Fault("command_timeout", Reaction.REPORT, Recovery.COMMAND, "no command for too long",
           "the drive holds with reduced tension and then releases slowly; send a new command"),
     Fault("owner_lost", Reaction.HOLD, Recovery.COMMAND, "whoever commanded the tendon fell silent",

@@ -142,7 +142,7 @@ class Bench(RunningLoop):
     def __init__(
         self, folder: Path, world, *, rate=200.0, limits=None, policies=POLICIES, seed=3, history=4096, grippers=None,
         model="XL330-M288", mode=OperatingMode.CURRENT_BASED_POSITION, limits_current=None,
-        latency=None, tendons=TENDONS, report=lambda _: None, radius=0.010,
+        latency=None, tendons=TENDONS, report=lambda _: None, radius=0.010, around=lambda wire: wire,
     ) -> None:  # fmt: skip
         self.world, self.undo, self.identities = world, [], ()
         self.overrides = Overrides()
@@ -160,7 +160,7 @@ class Bench(RunningLoop):
         self.plant.now_s = world.clock.now_s()
         self.bus_wire = FaultyWire(make_chain(self.plant.servos, self.plant.lock, self.plant.advance_to), seed)
         wire = self.bus_wire if latency is None else UsbAdapter(self.bus_wire, latency)
-        self.bus_port = world.port(folder / "servos", wire)
+        self.bus_port = world.port(folder / "servos", around(wire))
         self.model, self.mode, self.limits_current, self.report = model, mode, limits_current, report
         self.radius = radius
         make = self._dynamixel if model in MODELS else self._configured

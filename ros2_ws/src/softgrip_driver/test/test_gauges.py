@@ -24,8 +24,9 @@ from softgrip_driver.rig.gauge_calibration import (
     read_calibration,
     write_calibration,
 )
+from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON
 from softgrip_emulator.rig.polled import PROTOCOLS, TECSIS_COUNTS_PER_NEWTON
-from softgrip_emulator.rig.sketches import COUNTS_PER_NEWTON, OFFSET_COUNTS, SKETCHES
+from softgrip_emulator.rig.sketches import OFFSET_COUNTS, SKETCHES
 
 G = 9.81
 #: Sketch -> format that reads it, and counts per newton of what it shows: grams where people calibrate in grams.

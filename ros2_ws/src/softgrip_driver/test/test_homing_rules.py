@@ -7,7 +7,8 @@ from itertools import pairwise
 
 import pytest
 
-from softgrip_driver.tendon.homing import Homing, HomingSample, _Phase, knee
+from softgrip_driver.faults import FAULTS
+from softgrip_driver.tendon.homing import ZERO_ACCURACY, Homing, HomingSample, _Phase, knee
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveObservation, MotionStep, MoveOutcome
 from softgrip_driver.tendon.profile import SpeedProfile
@@ -39,6 +40,13 @@ class Run:
             steps.append(self.step())
         return steps
 
+    def wind_in(self, way: float) -> None:
+        """Let out, and wind in by so much [m] with nothing to see."""
+        self.let_out()
+        began = self.length
+        while self.length < began + way:
+            self.step(0.2, 0.01)
+
 
 def test_it_lets_out_until_slack_with_the_holding_tension_and_no_faster_than_a_release() -> None:
     steps = Run().let_out()
@@ -66,6 +74,62 @@ def test_taut_is_standing_for_150_ms_with_seven_tenths_of_the_homing_tension(
         if run.homing._phase is _Phase.LET_OUT:
             found = run.now - began
     assert found == (None if taut_after is None else pytest.approx(taut_after, abs=2 * DT))
+
+
+def test_standing_with_tension_while_nobody_looked_is_not_taut() -> None:
+    """As read once from servos that were stopped: 3.2 N while it got going, and 262 ms later 1.9 N."""
+    run = Run()
+    run.wind_in(0.004)
+    run.step(3.2, 0.0005, obeys=False)
+    run.now += 0.262 - DT
+    run.step(1.9, 0.0, obeys=False)
+    run.step(1.9, 0.0, obeys=False)
+    assert run.homing.zero is None
+
+
+@pytest.mark.parametrize(("share", "begins_again"), [(0.95, False), (1.05, True)])
+def test_no_more_than_a_zero_is_right_to_is_wound_in_unseen(share: float, begins_again: bool) -> None:
+    run = Run()
+    run.wind_in(0.004)
+    run.now += share * ZERO_ACCURACY / LIMITS.homing_speed - DT
+    run.step(0.2, 0.01)
+    assert (run.homing._phase is _Phase.LET_OUT) is begins_again
+    assert (run.homing._samples == []) is begins_again
+    if begins_again:
+        assert min(step.pulled_length_m for step in run.let_out()) == pytest.approx(-LIMITS.slack_travel)
+
+
+def test_a_silence_while_it_lets_out_or_gets_up_to_speed_costs_nothing() -> None:
+    run = Run()
+    run.now += 1.0
+    assert run.step().outcome is None
+    run.let_out()
+    run.now += 1.0
+    run.step(0.2, 0.01)
+    assert run.homing._phase is _Phase.TAKE_UP
+
+
+def test_the_sixth_silence_is_a_fault_that_says_how_long_it_was_and_where() -> None:
+    run = Run()
+    for number in range(6):
+        assert run.homing._phase is not _Phase.GO_TO_ZERO
+        run.wind_in(0.004)
+        run.now += 0.262 - DT
+        step = run.step(0.2, 0.01)
+        assert (step.outcome is MoveOutcome.FAULT) is (number == 5)
+    assert step.fault == "homing_interrupted"
+    assert "the bus was silent for 262 ms at -4.0 mm; at 10.0 mm/s no more than 100 ms are allowed" in step.reason
+    assert "loop rate" in FAULTS[step.fault].remedy
+
+
+def test_a_time_that_silences_used_up_is_not_blamed_on_the_tendon() -> None:
+    run = Run()
+    run.wind_in(0.004)
+    run.now += 0.262
+    run.step(0.2, 0.01)
+    while (step := run.step(obeys=False, tension=0.2)).outcome is None:
+        assert run.now < 16.0
+    assert step.fault == "homing_interrupted"
 
 
 def test_what_was_seen_in_a_try_that_showed_nothing_is_forgotten() -> None:

@@ -5,6 +5,14 @@ Let out until slack, then wind in slowly against a small tension until the drive
 the tendon is slack (the gears' friction) and rises once it is taut; the knee between the two is the zero. Go there.
 A drive that was held up, by a computer or a bus that paused, has to get going again: the force that its inertia takes
 is fitted together with the knee, as is the friction that a taut tendon overcomes at once.
+
+That goes for short pauses. What happens in a long one nobody sees: the goal stands, the drive stops with what its gears
+hold, which passes for a taut tendon, and gets going with a jerk, which passes for a knee. The tendon winds in by speed
+times silence unseen, so this must stay below what a zero is right to: `ZERO_ACCURACY`. After a longer silence all that
+the take-up showed is forgotten; it begins again from slack, `TRIES` times in all, and then the fault names the silence.
+Two knees that agree would be the other way. But both may lie in a pause of the same program, and who pauses not at all
+would pay for the second. Silence itself is seen for certain: between any two readings the clock tells how long it was.
+What has to last (standing, going evenly) is counted by what was seen: a step counts for two periods at most.
 """
 
 from __future__ import annotations
@@ -33,6 +41,8 @@ OUTLIER = 1.5
 ROUNDS = 4
 #: [N] a residual that is usual at least: a count of the current
 USUAL = 0.05
+#: [m] that a zero is right to: no more may be wound in between two readings
+ZERO_ACCURACY = 1e-3
 
 Array = NDArray[np.float64]
 
@@ -50,6 +60,21 @@ class _Phase(Enum):
     LET_OUT = auto()
     TAKE_UP = auto()
     GO_TO_ZERO = auto()
+
+
+class _Lasting:
+    """How long [s] something has been seen to hold; time in which nobody looked is no part of it."""
+
+    def __init__(self) -> None:
+        self._seconds: float | None = None
+
+    def step(self, view: DriveObservation, *, holds: bool) -> float:
+        """Return how long it has held with this step, 0 where it does not or begins to."""
+        if not holds:
+            self._seconds = None
+        else:
+            self._seconds = 0.0 if self._seconds is None else self._seconds + view.dt
+        return self._seconds or 0.0
 
 
 class Homing:
@@ -81,6 +106,8 @@ class Homing:
     NEAR = 1e-3
     RISEN = 0.5
     AGAIN = 3
+    #: take-ups that a silence may spoil until it is a fault
+    TRIES = 6
     #: times the homing tension that letting out may take, but for so long [s]: beyond, the spool winds in meanwhile
     AGAINST = 2.0
     AGAINST_FOR = 0.1
@@ -99,19 +126,27 @@ class Homing:
         self._start = view.pulled_length_m
         self._phase = _Phase.LET_OUT
         self._profile = SpeedProfile(view.pulled_length_m)
-        self._taut_since: float | None = None
+        self._standing, self._even, self._against = _Lasting(), _Lasting(), _Lasting()
         self._stood_at = view.pulled_length_m
-        self._even_since: float | None = None
-        self._against_since: float | None = None
         self._steady = False
         self._again = self.AGAIN
+        self._tries = self.TRIES
+        #: [s] when it was heard last
+        self._heard = view.now
+        #: of the last take-up that was spoiled, in words
+        self._silence = ""
         self._samples: list[HomingSample] = []
         self.zero: float | None = None
 
     def step(self, view: DriveObservation) -> MotionStep:
         """Advance."""
         limits = self._limits
+        silent, self._heard = view.now - self._heard, view.now
+        if self._is_seeking(view) and silent > self.max_silence:
+            return self._begin_again_after(silent, view)
         if view.now - self._started > limits.homing_timeout:
+            if self._silence:
+                return self._interrupted(view)
             return self._failed(
                 view,
                 f"no taut tendon within {limits.homing_timeout:.0f} s; where the drive stood still, its gears may need "
@@ -122,6 +157,32 @@ class Homing:
         if self._phase is _Phase.TAKE_UP:
             return self._take_up(view)
         return self._go_to_zero(view)
+
+    def _is_seeking(self, view: DriveObservation) -> bool:
+        """Whether the knee is looked for: not while the drive lets out or gets up to speed."""
+        return self._phase is _Phase.TAKE_UP and view.pulled_length_m - self._stood_at > self.RUN_UP
+
+    @property
+    def max_silence(self) -> float:
+        """[s] between two readings in which no more is wound in than a zero is right to."""
+        return ZERO_ACCURACY / self._limits.homing_speed
+
+    def _begin_again_after(self, silent: float, view: DriveObservation) -> MotionStep:
+        """Forget what the take-up showed and begin from slack, or give up where that was tried often enough."""
+        self._tries -= 1
+        self._silence = (
+            f"the bus was silent for {silent * 1e3:.0f} ms at {view.pulled_length_m * 1e3:.1f} mm; "
+            f"at {self._limits.homing_speed * 1e3:.1f} mm/s no more than {self.max_silence * 1e3:.0f} ms are allowed"
+        )
+        if self._tries == 0:
+            return self._interrupted(view)
+        return self._begin_again(view)
+
+    def _begin_again(self, view: DriveObservation) -> MotionStep:
+        self._phase, self._profile = _Phase.LET_OUT, SpeedProfile(view.pulled_length_m)
+        self._standing = _Lasting()
+        self._samples.clear()
+        return MotionStep(view.pulled_length_m, self._limits.homing_tension)
 
     def _let_out(self, view: DriveObservation) -> MotionStep:
         if self._is_pulled_against(view):
@@ -137,11 +198,8 @@ class Homing:
 
     def _is_pulled_against(self, view: DriveObservation) -> bool:
         """Whether it takes force to let out, which no tendon does: a tendon can only pull."""
-        if view.speed > -self.STANDING or -view.pull < self.AGAINST * self._limits.homing_tension:
-            self._against_since = None
-        elif self._against_since is None:
-            self._against_since = view.now
-        return self._against_since is not None and view.now - self._against_since >= self.AGAINST_FOR
+        pulls = view.speed <= -self.STANDING and -view.pull >= self.AGAINST * self._limits.homing_tension
+        return self._against.step(view, holds=pulls) >= self.AGAINST_FOR
 
     def _take_up(self, view: DriveObservation) -> MotionStep:
         limits = self._limits
@@ -151,11 +209,7 @@ class Homing:
             self._profile.step(end, limits.homing_speed, limits.acceleration, view.dt)
         self._sample(view)
         taut = abs(view.speed) <= self.STANDING and view.tension >= self.TAUT * tension
-        if not taut:
-            self._taut_since = None
-        elif self._taut_since is None:
-            self._taut_since = view.now
-        elif view.now - self._taut_since >= self.DWELL:
+        if self._standing.step(view, holds=taut) >= self.DWELL:
             return self._taut(view)
         if (
             self._profile.position == end
@@ -169,14 +223,10 @@ class Homing:
 
     def _sample(self, view: DriveObservation) -> None:
         gone = view.pulled_length_m - self._stood_at
-        if gone <= self.RUN_UP:
-            self._even_since, self._steady = None, False
-        elif abs(view.speed - self._limits.homing_speed) > self.EVEN:
-            self._even_since = None
-        elif self._even_since is None:
-            self._even_since = view.now
-        even = self._even_since is not None and view.now - self._even_since >= self.EVEN_FOR
-        self._steady = self._steady or even or gone > self.EVEN_BY
+        is_up = gone > self.RUN_UP
+        evenly = is_up and abs(view.speed - self._limits.homing_speed) <= self.EVEN
+        even = self._even.step(view, holds=evenly) >= self.EVEN_FOR
+        self._steady = is_up and (self._steady or even or gone > self.EVEN_BY)
         if not self._steady:
             return
         # At the limit the device holds the current constant: such samples say nothing about the rise.
@@ -197,20 +247,17 @@ class Homing:
     def _taut(self, view: DriveObservation) -> MotionStep:
         """Take the knee for the zero; where the samples do not show it, begin again from further out."""
         found = knee(self._samples, view.pulled_length_m)
-        self._profile = SpeedProfile(view.pulled_length_m)
         if found is not None and self._shows(found):
             self.zero = found
-            self._phase = _Phase.GO_TO_ZERO
-        elif self._again == 0:
+            self._phase, self._profile = _Phase.GO_TO_ZERO, SpeedProfile(view.pulled_length_m)
+            return MotionStep(view.pulled_length_m, self._limits.homing_tension)
+        if self._again == 0:
             return self._failed(view, "the force does not show where the tendon becomes taut")
-        else:
-            self._again -= 1
-            self._start = min(
-                self._start, view.pulled_length_m - self._limits.slack_travel / 2.0 if found is None else found
-            )
-            self._taut_since, self._phase = None, _Phase.LET_OUT
-            self._samples.clear()
-        return MotionStep(view.pulled_length_m, self._limits.homing_tension)
+        self._again -= 1
+        self._start = min(
+            self._start, view.pulled_length_m - self._limits.slack_travel / 2.0 if found is None else found
+        )
+        return self._begin_again(view)
 
     def _go_to_zero(self, view: DriveObservation) -> MotionStep:
         assert self.zero is not None
@@ -220,9 +267,12 @@ class Homing:
             return MotionStep(self.zero, limits.tension_hold, MoveOutcome.REACHED, "homed")
         return MotionStep(self._profile.position, limits.tension_hold)
 
-    def _failed(self, view: DriveObservation, reason: str) -> MotionStep:
+    def _interrupted(self, view: DriveObservation) -> MotionStep:
+        return self._failed(view, self._silence, "homing_interrupted")
+
+    def _failed(self, view: DriveObservation, reason: str, fault: str = "homing_failed") -> MotionStep:
         return MotionStep(
-            view.pulled_length_m, self._limits.homing_tension, MoveOutcome.FAULT, f"homing: {reason}", "homing_failed"
+            view.pulled_length_m, self._limits.homing_tension, MoveOutcome.FAULT, f"homing: {reason}", fault
         )
 
 

@@ -15,12 +15,14 @@ if TYPE_CHECKING:
 
 #: Counts per newton of the raw formats: a 50 N cell at gain 128.
 COUNTS_PER_NEWTON: Final = 80000.0
-_HIGHEST_CODE: Final = 8388607
+#: codes at the ends of an HX711's range (Avia data sheet)
+_LOWEST_CODE, _HIGHEST_CODE = -8388608, 8388607
 _GRAVITY: Final = 9.81
 
 
-def _raw(force: float) -> int:
-    return _HIGHEST_CODE if math.isinf(force) else round(force * COUNTS_PER_NEWTON)
+def counts_of(force: float, offset: float = 0.0) -> int:
+    """Return an HX711's code for a force [N], with the cell's offset [counts]; the last code where its range ends."""
+    return round(min(max(force * COUNTS_PER_NEWTON + offset, _LOWEST_CODE), _HIGHEST_CODE))
 
 
 def _scale(force: float) -> str:
@@ -29,8 +31,8 @@ def _scale(force: float) -> str:
 
 #: Format -> (force [N], time [s]) to a line.
 FORMATS: dict[str, Callable[[float, float], str]] = {
-    "raw": lambda force, _: f"{_raw(force)}",
-    "time_raw": lambda force, now: f"{round(now * 1e3)},{_raw(force)}",
+    "raw": lambda force, _: f"{counts_of(force)}",
+    "time_raw": lambda force, now: f"{round(now * 1e3)},{counts_of(force)}",
     "grams": lambda force, _: f"Reading: {1e3 * force / _GRAVITY:.2f} g",
     "newtons": lambda force, _: f"{force:.3f} N",
     "openscale": lambda force, now: f"{round(now * 1e3)},{force / _GRAVITY:.4f},kg,24.5,",

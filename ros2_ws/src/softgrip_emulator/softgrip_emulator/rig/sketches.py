@@ -14,6 +14,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from softgrip_emulator.rig.amplifier import counts_of
 from softgrip_emulator.wire.device import BITS_PER_BYTE, Chunk
 
 if TYPE_CHECKING:
@@ -23,10 +24,8 @@ if TYPE_CHECKING:
 
 _GRAVITY: Final = 9.81
 _POUND_N: Final = 4.4482216
-#: of the emulated cell on its HX711: a 50 N cell at gain 128, and what it shows without a load
-COUNTS_PER_NEWTON: Final = 80000.0
+#: what the emulated cell shows without a load
 OFFSET_COUNTS: Final = 84217.0
-_HIGHEST_CODE: Final = 8388607
 
 
 @dataclass(frozen=True)
@@ -188,7 +187,7 @@ class EmulatedBoard:
 
     def _shown(self, now_s: float) -> str:
         force = self._cell.read(now_s)
-        raw = _HIGHEST_CODE if math.isinf(force) else round(force * COUNTS_PER_NEWTON + OFFSET_COUNTS)
+        raw = counts_of(force, OFFSET_COUNTS)
         if self._tare is None:
             # The last thing before loop() that takes a force: between the two nothing can be seen of it.
             self._tare = force if self._sketch.tares and math.isfinite(force) else 0.0
