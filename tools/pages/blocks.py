@@ -186,7 +186,7 @@ class Reader:
         return printed.getvalue()
 
     def _shell(self, block: Block) -> None:
-        environment = os.environ | {"PATH": f"{ROOT / '.venv/bin'}:{os.environ['PATH']}", "COLUMNS": "120"}
+        environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "120"}
         command = ["bash", "-euo", "pipefail", "-c", block.text]
         if block.mark == "background":
             self._start(command, environment, block)

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import sqlalchemy
 
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_cell.cell import Cell, CellMode, Clocks
@@ -34,15 +36,19 @@ class Disk:
     def __init__(self, folder: Path) -> None:
         self.url = f"sqlite:///{folder}/cell.db"
         self.database = Database(self.url)
+        self._is_full = False
+        # not once for a connection: SQLAlchemy 1.4 opens a new one for each transaction on a file
+        sqlalchemy.event.listen(self.database._engine, "checkout", self._on_checkout)
         library = Library(self.database, lambda: 1)
         library.import_catalogue(read_catalogue(), "test")
         library.import_finger_records(read_finger_records().values(), "test")
 
+    def _on_checkout(self, connection: Any, *_: object) -> None:
+        connection.execute(f"PRAGMA query_only={'ON' if self._is_full else 'OFF'}")
+
     def set_full(self, full: bool) -> None:
         """Have SQLite refuse every write, as on a file system that is read-only."""
-        connection = self.database._engine.raw_connection()
-        connection.cursor().execute(f"PRAGMA query_only={'ON' if full else 'OFF'}")
-        connection.close()  # back into the pool, as it is
+        self._is_full = full
 
     def journal(self) -> CellJournal:
         return CellJournal(self.database, SLOTS, lambda: 1)

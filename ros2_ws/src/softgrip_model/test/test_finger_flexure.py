@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp, trapezoid
 from scipy.optimize import root
 
 from softgrip_model.digest import text_digest
@@ -265,8 +265,8 @@ def test_coulombs_law_holds_up_and_down() -> None:
     five = int(np.argmin(np.abs(up - 5.0)))
     cycle = slice(five, 2 * (len(up) - 1) + five + 1)
     pulled, tension, slip = path.pulled_mm[cycle], path.tension_n[cycle], path.slip_mm[cycle]
-    work = float(np.trapezoid(tension[:, 0], pulled))
-    taken = sum(float(np.trapezoid(tension[:, i] - tension[:, i + 1], slip[:, i])) for i in range(slip.shape[1]))
+    work = float(trapezoid(tension[:, 0], pulled))
+    taken = sum(float(trapezoid(tension[:, i] - tension[:, i + 1], slip[:, i])) for i in range(slip.shape[1]))
     assert work > 0.0
     # bends turn without slipping, and links give as the tension in them has it: 2 % of the loop
     assert work == pytest.approx(taken, rel=0.02)

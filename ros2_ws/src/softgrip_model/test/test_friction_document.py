@@ -21,6 +21,9 @@ def written():
     return (ROOT / "docs" / "friction.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.skipif(
+    not hasattr(np, "trapezoid"), reason="with the oldest libraries a bootstrap's quantile ends in another digit"
+)
 def test_the_document_is_what_the_code_gives(generator, written, differences):
     assert not differences(written, generator.render()), "docs/friction.md is out of date: run tools/docs/friction.py"
 

@@ -181,7 +181,7 @@ def test_a_node_that_is_only_late_is_not_reported_while_the_cells_time_stands(co
     monitor = HealthMonitor(
         node, ["peer"], 0.01, 0.05, on_silent=silent.append, on_back=lambda _: None, now_s=lambda: now_s[0]
     )
-    monitor._watch.take_answer("peer", 100.0)
+    monitor._asked._watch.take_answer("peer", 100.0)
     time.sleep(0.3)
     assert silent == []
     for _ in range(20):  # in steps that no watcher calls a pause of its own

@@ -245,3 +245,10 @@ def test_plane_map_is_its_own_inverse_and_its_jacobian_a_derivative() -> None:
     step = np.array([0.3, -0.2])
     moved = plane.to_plane(pixels + step)
     assert moved - back == pytest.approx(jacobian @ step, abs=2e-7)
+
+
+def test_an_opencv_that_knows_no_charuco_is_named_and_has_a_chessboard(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cv2, "aruco", None, raising=False)
+    assert not Board(11, 7, 0.024).charuco
+    with pytest.raises(CalibrationError, match=r"OpenCV 4\.7 or later .*--chessboard"):
+        Board(11, 7, 0.024, charuco=True).modules()

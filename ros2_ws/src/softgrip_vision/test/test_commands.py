@@ -157,7 +157,7 @@ def test_where_a_calibration_goes_is_made_sure_of_before_the_work(
     with pytest.raises(SystemExit):
         calibrate_camera.main(["lens", "none.mp4", "--out", str(tmp_path / "file" / "c.yaml")])
     assert "file is a file" in said(capsys)
-    calibrate_camera.main(["target", "--out", str(tmp_path / "new" / "board.pdf")])
+    calibrate_camera.main(["target", "--chessboard", "--out", str(tmp_path / "new" / "board.pdf")])
     assert (tmp_path / "new" / "board.pdf").read_bytes().startswith(b"%PDF")
 
 

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.sparse import coo_array, csr_array, eye_array, hstack, kron
+from scipy.sparse import coo_array, csr_array, hstack, kron
 
 from softgrip_model.gdfe import _core
 from softgrip_model.gdfe.cable import CableDrive, RoutedCable, RoutingPoint
@@ -97,7 +97,7 @@ class CableLine:
         columns = np.concatenate([point.nodes for point in self.points])
         weights = np.concatenate([point.weights for point in self.points])
         selected = coo_array((weights, (rows, columns)), shape=(len(self.points), nodes))
-        return csr_array(kron(selected, eye_array(3)))
+        return csr_array(kron(selected, csr_array(np.eye(3))))
 
 
 def place_of(point: RoutingPoint, vertices: Array) -> Array:

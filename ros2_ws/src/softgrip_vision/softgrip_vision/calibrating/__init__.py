@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """From views of a printed board to a calibration file."""
 
-from softgrip_vision.calibrating.board import Board, BoardView
+from softgrip_vision.calibrating.board import Board, BoardView, has_charuco
 from softgrip_vision.calibrating.lens import LensFit, calibrate_lens, covered_cells
 from softgrip_vision.calibrating.plane import PlaneFit, calibrate_plane
 from softgrip_vision.calibrating.views import MAX_VIEWS, collect_views, is_new_view
@@ -16,5 +16,6 @@ __all__ = [
     "calibrate_plane",
     "collect_views",
     "covered_cells",
+    "has_charuco",
     "is_new_view",
 ]

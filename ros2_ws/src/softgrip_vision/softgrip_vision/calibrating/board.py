@@ -6,7 +6,7 @@ Board coordinates: origin at the pattern's top left corner, x right, y down [m].
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -43,6 +43,11 @@ class BoardView:
     size: tuple[int, int]
 
 
+def has_charuco() -> bool:
+    """Whether this OpenCV finds ChArUco boards: 4.7 and later do; Ubuntu 24.04 has 4.6."""
+    return hasattr(getattr(cv2, "aruco", None), "CharucoDetector")
+
+
 @dataclass(frozen=True)
 class Board:
     """A board.
@@ -50,13 +55,14 @@ class Board:
     Attributes:
         columns, rows: number of squares.
         square_m: [m] side of a square, as measured on the print.
-        charuco: with markers in its white squares (may be partly out of view); else a chessboard.
+        charuco: with markers in its white squares (may be partly out of view), the default where this OpenCV finds
+            them; else a chessboard.
     """
 
     columns: int
     rows: int
     square_m: float
-    charuco: bool = True
+    charuco: bool = field(default_factory=has_charuco)
 
     def __post_init__(self) -> None:
         if not (3 <= self.columns <= 40 and 3 <= self.rows <= 40 and 0.001 <= self.square_m <= 0.5):
@@ -72,6 +78,11 @@ class Board:
 
     @cached_property
     def _pattern(self) -> Any:
+        if not has_charuco():
+            raise CalibrationError(
+                f"expected OpenCV 4.7 or later for a ChArUco board, found {cv2.__version__}; use a chessboard "
+                "(calibrate_camera --chessboard), or pip's opencv-python-headless"
+            )
         dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_1000)
         marker = self.square_m * MODULES_PER_MARKER / MODULES_PER_SQUARE
         return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square_m, marker, dictionary)
