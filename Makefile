@@ -19,6 +19,9 @@ STAMP := $(VENV)/.setup
 EXTRAS := parts study docs panel rerun s3
 CORES := softgrip_model softgrip_emulator softgrip_vision
 CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcard $(SRC)/*/test/cpp) -name '*.[ch]pp')
+#: cores that clang-tidy finds nothing in: a change to them is looked at by make lint. Of softgrip_model it finds some, and
+#: takes many minutes: a change of one header there is a change of all its sources
+TIDY_CORES := softgrip_emulator softgrip_vision
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
 
 .DEFAULT_GOAL := help
@@ -97,10 +100,11 @@ long-tests: setup panel-setup rerun-setup  ## from boxes of parts to the first g
 	$(BIN)/python -m pytest -m long tests/system tests/documents
 	$(BIN)/python -m pytest tests/replay/test_rerun_file.py
 
-lint: setup  ## ruff and mypy, strict; clang-format; links of the documentation
+lint: setup  ## ruff and mypy, strict; clang-format, clang-tidy of two cores; links of the documentation
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@echo "clang-format of the C++"; $(BIN)/clang-format --dry-run --Werror $(CPP)
+	@if [ -x $(BIN)/clang-tidy ]; then echo "clang-tidy of what changed"; $(WITH_VENV) python tools/tidy.py $(TIDY_CORES); fi
 	$(BIN)/python tools/vocabulary.py
 	$(BIN)/python tools/pages/links.py
 	$(BIN)/mypy $(foreach package,$(TYPED),-p $(package))

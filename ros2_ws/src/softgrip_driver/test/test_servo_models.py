@@ -11,7 +11,7 @@ from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration, identify, required_eeprom, set_up
 from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
+from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing, OperatingMode
 from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError, WrongDeviceError
 from softgrip_driver.tendon.gripper import MoveMode
 from softgrip_driver.tendon.limits import TendonLimits
@@ -25,17 +25,19 @@ from softgrip_emulator.dynamixel.table import load_model
 CURRENT, EXTENDED = OperatingMode.CURRENT_BASED_POSITION, OperatingMode.EXTENDED_POSITION
 TENDONS = ("index", "middle", "thumb")
 SYNC_READ, FAST_SYNC_READ = 0x82, 0x8A
-EMULATED = ["XL330-M288", "XC330-M288", "XM430-W350"]
+WITH_CURRENT = [name for name, model in MODELS.items() if model.senses is not CurrentSensing.NONE]
 
 
-def servo_of(model, mode=CURRENT):
+def servo_of(model, mode=None):
+    """A servo in a mode; in current-based position control where the model has it."""
     table = MODELS[model]
+    mode = mode or (EXTENDED if table.senses is CurrentSensing.NONE else CURRENT)
     return ServoConfiguration(
         "t", 1, table, Spool(0.01, 1), TorqueModel(table.torque_per_ampere, table.no_load_current), mode
     )
 
 
-@pytest.fixture(params=EMULATED)
+@pytest.fixture(params=MODELS)
 def wired(request, tmp_path, world):
     """A servo as it comes out of the box, on a port, and the bus to it."""
     device = EmulatedServo(load_model(request.param), 1, baud=1_000_000)
@@ -96,6 +98,7 @@ def test_units_and_limits_of_the_data_sheets(model, unit, limit, stall, hot):
     assert servo.current_units(10_000.0) == servo.current_units(49.5) <= limit
 
 
+@pytest.mark.parametrize("wired", WITH_CURRENT, indirect=True)
 @pytest.mark.parametrize("mode", [CURRENT, EXTENDED])
 def test_bring_up_from_factory_settings(wired, mode):
     model, device, bus = wired
@@ -143,6 +146,7 @@ def test_a_servo_that_is_not_there_is_looked_for_and_the_way_to_it_named(tmp_pat
     world.close()
 
 
+@pytest.mark.parametrize("wired", WITH_CURRENT, indirect=True)
 def test_bring_up_a_second_time_changes_nothing_that_is_kept(wired):
     model, device, bus = wired
     list(set_up(bus, servo_of(model), write_eeprom=True))

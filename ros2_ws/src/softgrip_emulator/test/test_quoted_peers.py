@@ -10,13 +10,13 @@ import yaml
 from softgrip_emulator import damiao
 from softgrip_emulator.dynamixel.motion import ServoDrive
 from softgrip_emulator.dynamixel.servo import Shaft
-from softgrip_emulator.dynamixel.table import load_model
+from softgrip_emulator.dynamixel.table import available_models, load_model
 from softgrip_emulator.plant.motor import Motor
 from softgrip_emulator.rig.amplifier import counts_of
 from softgrip_emulator.rig.sketches import EmulatedBoard
 from softgrip_emulator.servos import load_ratings
 
-X330 = ["xl330_m288", "xc330_m288", "xc330_t288"]
+X330 = [name for name in available_models() if "330" in name]
 
 
 def still(name, drive, supply_v=5.0):

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -129,7 +130,9 @@ def _lockstep(node: Node) -> str:
     return str(node.get_parameter(LOCKSTEP).value) if node.has_parameter(LOCKSTEP) else ""
 
 
-def steady_timer(node: Node, period: float, callback: Callable[[], None], callback_group: Any = None) -> Any:
+def steady_timer(
+    node: Node, period: float, callback: Callable[[], None], callback_group: CallbackGroup | None = None
+) -> Any:
     """Return a timer on the steady clock.
 
     A timer of `Node.create_timer` follows the node's clock: with ``use_sim_time`` it stands while nobody publishes

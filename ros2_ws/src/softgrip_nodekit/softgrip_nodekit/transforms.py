@@ -4,14 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from std_msgs.msg import Header
 
 
 def transform_message(
-    stamp: Any, parent: str, child: str, position_m: Iterable[float], quaternion: Iterable[float]
+    stamp: Time, parent: str, child: str, position_m: Iterable[float], quaternion: Iterable[float]
 ) -> TransformStamped:
     """Return where a frame lies in its parent: position (3,) [m], and a unit quaternion (x, y, z, w)."""
     x, y, z = (float(value) for value in position_m)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -222,7 +223,7 @@ def _load_hand(path: str) -> Hand:
     return load_hand(Path(path)) if path else shipped_hand()
 
 
-def _transform(stamp: Any, parent: str, child: str, pose: Array) -> TransformStamped:
+def _transform(stamp: Time, parent: str, child: str, pose: Array) -> TransformStamped:
     return transform_message(stamp, parent, child, pose[:3, 3], quaternion_of(pose))
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
@@ -52,7 +52,7 @@ class HandMarkers:
         """Take finger/measured."""
         self._measured = self._fitting(fingers)
 
-    def message(self, stamp: Any) -> MarkerArray:
+    def message(self, stamp: Time) -> MarkerArray:
         """Return everything that is to be seen now; what was drawn before goes."""
         markers = [Marker(action=Marker.DELETEALL)]
         for slot, finger in self._predicted.items():

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -38,7 +39,7 @@ class RigSafety(Protocol):
 class FollowedSafety:
     """Follows the cell's safety state; ``on_stop`` gets the reason whenever the stand may not move any more."""
 
-    def __init__(self, node: Node, group: Any, on_stop: Callable[[str], None]) -> None:
+    def __init__(self, node: Node, group: CallbackGroup, on_stop: Callable[[str], None]) -> None:
         self._guard = StopGuard(MAX_ABSENCE_S)
         self._node = node
         self._on_stop = on_stop
@@ -87,7 +88,12 @@ class OwnSafety:
     """
 
     def __init__(
-        self, node: Node, store: SafetyStore, group: Any, on_stop: Callable[[str], None], age_refusal: Callable[[], str]
+        self,
+        node: Node,
+        store: SafetyStore,
+        group: CallbackGroup,
+        on_stop: Callable[[str], None],
+        age_refusal: Callable[[], str],
     ) -> None:
         self._on_stop = on_stop
         self._age_refusal = age_refusal

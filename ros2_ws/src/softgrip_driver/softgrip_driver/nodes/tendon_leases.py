@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 
 from softgrip_driver.errors import DriverError
@@ -28,7 +28,7 @@ class LeaseServer:
         group: of callbacks that wait for the bus.
     """
 
-    def __init__(self, node: Node, loop: Callable[[], BusLoop | None], group: Any) -> None:
+    def __init__(self, node: Node, loop: Callable[[], BusLoop | None], group: CallbackGroup) -> None:
         self._node = node
         self._loop = loop
         self._shown: tuple[OwnerRow, ...] | None = None

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -44,7 +44,9 @@ class SafetyServer:
     The stop has a session, queue and thread of its own: nothing else that the node does delays it.
     """
 
-    def __init__(self, node: Node, store: SafetyStore, policies: Policies, drives: Drives, group: Any) -> None:
+    def __init__(
+        self, node: Node, store: SafetyStore, policies: Policies, drives: Drives, group: CallbackGroup
+    ) -> None:
         self._node = node
         self._policies = policies
         self._drives = drives

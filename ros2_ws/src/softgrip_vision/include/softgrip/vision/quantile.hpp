@@ -32,8 +32,9 @@ class Quantile {
  private:
   // One a grey level; what lies beyond is in the first or the last.
   static constexpr int kBins = 1024;
+  static constexpr int kBinOfZero = kBins / 2;
   static std::size_t bin(float value) {
-    return static_cast<std::size_t>(std::clamp(value + kBins / 2, 0.0F, kBins - 1.0F));
+    return static_cast<std::size_t>(std::clamp(value + kBinOfZero, 0.0F, kBins - 1.0F));
   }
 
   std::array<unsigned, kBins> counts_;
