@@ -18,7 +18,7 @@ from softgrip_driver.damiao import frames as damiao
 from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_driver.feetech import registers as feetech
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.wizard.direction import MIN_PULL_N, SpoolPull
+from softgrip_driver.wizard.direction import SpoolPull
 from softgrip_driver.wizard.tensioning import SETTLED_M, TensioningPlan
 from softgrip_driver.wizard.wizard import WizardSettings
 from softgrip_testing.scripts import load_script
@@ -53,7 +53,7 @@ def test_the_links_of_a_page_lead_somewhere(page: Path) -> None:
 def test_figures_of_the_pages_are_those_of_the_code() -> None:
     servos, camera = ((ROOT / f"docs/build/{name}.md").read_text() for name in ("servos", "camera"))
     plan, settings = TensioningPlan(), WizardSettings(Path())
-    assert f"about {MIN_PULL_N:g} N, {SpoolPull().reach_m * 1e3:g} mm at most" in servos
+    assert f"about {SpoolPull().tension_n:g} N, {SpoolPull().reach_m * 1e3:g} mm at most" in servos
     assert f"holds {plan.tension_n:g} N for {plan.hold_s:g} s" in servos
     assert f"less than {SETTLED_M * 1e3:g} mm | {settings.slack_m * 1e3:g} mm of slack" in servos
     exposure = (camera_steps.MIN_SIGNAL, 100 * camera_steps.MAX_CLIPPED_SHARE, 100 * camera_steps.MAX_FLICKER)

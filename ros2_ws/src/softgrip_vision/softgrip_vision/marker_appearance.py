@@ -43,7 +43,7 @@ class MarkerAppearance(NamedTuple):
     Attributes:
         area_px: [px^2] when sharp and uncovered.
         height: [grey levels] of its signal.
-        surround: brightness of the body around it over its own (surround_of): tells it from a green thing behind.
+        surround: brightness of the body around it over its own (surrounds_of): tells it from a green thing behind.
     """
 
     area_px: float

@@ -23,7 +23,7 @@ class Candidate(NamedTuple):
         spot: in the image.
         point: [m] in the finger's plane.
         metric: [m^2/px^2] covariance of the point for a deviation of one pixel.
-        surround: see looks.surrounds_of.
+        surround: see marker_appearance.surrounds_of.
     """
 
     spot: Spot
@@ -87,7 +87,7 @@ def locate(
     """
     spot, (x, y), metric, surround = candidate
     (expected_x, expected_y), spread = expected
-    # What a covered edge can move the centre by is added to what noise can (see Looks.hidden_share).
+    # What a covered edge can move the centre by is added to what noise can (see MarkerAppearance.hidden_share).
     lopsided = appearance.hidden_share(spot) * diameter_px / 2
     variance, placement = spot.stddev_px**2 + lopsided**2, placement_stddev_m**2
     noise = Spread(metric.xx * variance + placement, metric.xy * variance, metric.yy * variance + placement)

@@ -18,8 +18,8 @@ MAX_AHEAD_M = 0.003
 HELD_SPEED_M_S, HELD_FOR_S = 1e-3, 0.25
 #: [m] beyond the way that was held in one direction, which must be free in the other
 BEYOND_M = 0.003
-#: small pulls: [N], or what turns the gears and so much more
-MIN_PULL_N, PULL_SHARE = 2.0, 1.3
+#: a pull is at least this many times what turns the gears
+PULL_SHARE = 1.3
 _READ_TIMEOUT_S = 1.0
 
 
@@ -39,6 +39,8 @@ class SpoolPull:
 
     def find_end(self, backend: DynamixelBackend) -> float | None:
         """Wind in from here; return the way [m] after which something held it, None where nothing did within reach.
+
+        A spool that is not through its reach by the deadline counts as held.
 
         It is paid out again, and torque is off afterwards on every path.
 
@@ -70,7 +72,7 @@ class SpoolPull:
             if reading.position >= start + self.reach_m:
                 return None
             is_held = abs(reading.velocity) < HELD_SPEED_M_S and goal - reading.position > 0.5 * MAX_AHEAD_M
-            held_since = (held_since or now) if is_held else None
+            held_since = None if not is_held else now if held_since is None else held_since
             if (held_since is not None and now - held_since > HELD_FOR_S) or now > deadline:
                 return reading.position
             backend.write({name: Setpoint(goal, self.tension_n)})
@@ -92,7 +94,9 @@ def read_drive(backend: DynamixelBackend) -> DriveReading:
         reading = backend.read().get(name)
         if reading is not None:
             return reading
-    raise NoReplyError(f"tendon '{name}': expected a reading within 1 s, found none; check cable and supply")
+    raise NoReplyError(
+        f"tendon '{name}': expected a reading within {_READ_TIMEOUT_S:g} s, found none; check cable and supply"
+    )
 
 
 def measure_direction(
@@ -111,7 +115,7 @@ def measure_direction(
     """
     pull = pull or SpoolPull()
     gears_n = model_of(servo).needs.homing_torque / (servo.spool_radius_m or SPOOL_RADIUS_M)
-    pull = replace(pull, tension_n=max(MIN_PULL_N, PULL_SHARE * gears_n))
+    pull = replace(pull, tension_n=max(pull.tension_n, PULL_SHARE * gears_n))
 
     def find_end(direction: int) -> float | None:
         backend = make_backend(replace(servo, direction=direction))
