@@ -15,13 +15,22 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from softgrip_testing.synthetic_boards import POSES, BoardCamera
 from softgrip_testing.synthetic_images import make_calibration
 from softgrip_vision import calibration as files
-from softgrip_vision.calibrating import Board, BoardView, calibrate_lens, calibrate_plane, collect_views
+from softgrip_vision.calibrating import (
+    Board,
+    BoardView,
+    calibrate_lens,
+    calibrate_plane,
+    collect_views,
+    has_charuco,
+)
 from softgrip_vision.calibrating.target_pdf import cross_origin, draw_target, write_target
 from softgrip_vision.calibration import Lens, PlaneMap
 from softgrip_vision.commands import calibrate_camera
 from softgrip_vision.errors import CalibrationError
 from softgrip_vision.sources import open_source
 
+#: a chessboard looks the same upside down, and the command is asked for ChArUco
+needs_charuco = pytest.mark.skipif(not has_charuco(), reason="OpenCV 4.7 or later finds ChArUco boards")
 BOARD = Board(11, 7, 0.024)
 WIDTH, HEIGHT = 960, 540
 TRUE = Lens(
@@ -134,6 +143,7 @@ def test_views_that_show_nothing_new_are_left_out(tmp_path: Path, pictures: list
     assert read[-1] == (4, 2)
 
 
+@needs_charuco
 def test_printed_squares_have_their_true_size() -> None:
     """The page at 300 dots an inch, through the board finder: one square is 24 mm."""
     figure = draw_target(BOARD, "A3", base_marker_m=0.02)
@@ -170,6 +180,7 @@ def test_a_board_too_large_for_the_page_is_refused() -> None:
         Board(2, 2, 0.024)
 
 
+@needs_charuco
 def test_the_whole_way_by_command(
     tmp_path: Path, pictures: list[np.ndarray], camera: BoardCamera, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -250,5 +261,7 @@ def test_plane_map_is_its_own_inverse_and_its_jacobian_a_derivative() -> None:
 def test_an_opencv_that_knows_no_charuco_is_named_and_has_a_chessboard(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cv2, "aruco", None, raising=False)
     assert not Board(11, 7, 0.024).charuco
-    with pytest.raises(CalibrationError, match=r"OpenCV 4\.7 or later .*--chessboard"):
-        Board(11, 7, 0.024, charuco=True).modules()
+    board = Board(11, 7, 0.024, charuco=True)
+    for ask in (board.modules, lambda: board.find(np.zeros((480, 640, 3), np.uint8))):
+        with pytest.raises(CalibrationError, match=r"OpenCV 4\.7 or later .*--chessboard"):
+            ask()

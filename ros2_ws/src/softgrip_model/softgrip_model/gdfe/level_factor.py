@@ -37,7 +37,9 @@ def levels_of(hexes: NDArray[np.int32], unknown_of: NDArray[np.int32], unknowns:
     columns = np.concatenate([hexes.ravel(), nodes + unknown_of[node, axis]])
     size = nodes + unknowns + len(hexes)
     length = np.concatenate([np.full(len(element), 0.5), np.full(len(node), 1e-6)])
-    graph = csr_array(coo_array((length, (rows, columns)), shape=(size, size)))
+    # scipy 1.11 walks through graphs with 32-bit indices alone
+    places = (rows.astype(np.int32), columns.astype(np.int32))
+    graph = csr_array(coo_array((length, places), shape=(size, size)))
     held = np.flatnonzero((unknown_of < 0).any(axis=1))
     start = held if len(held) else np.zeros(1, dtype=np.int64)
     distance = dijkstra(graph, directed=False, indices=start, min_only=True)

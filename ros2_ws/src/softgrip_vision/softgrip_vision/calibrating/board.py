@@ -89,7 +89,8 @@ class Board:
 
     @cached_property
     def _detector(self) -> Any:
-        return cv2.aruco.CharucoDetector(self._pattern)
+        pattern = self._pattern
+        return cv2.aruco.CharucoDetector(pattern)
 
     def modules(self) -> NDArray[np.bool_]:
         """Return (rows * 8, columns * 8) black modules of the pattern."""
