@@ -15,7 +15,7 @@ from softgrip_testing.scripts import load_script
 ROOT = Path(__file__).parents[4]
 PAGE = ROOT / "docs" / "cell.md"
 CALL = re.compile(r'ros2 (?:service call|action send_goal)(?: --feedback)? (\S+) (\S+)/(srv|action)/(\S+) "(.*)"')
-CALLS = CALL.findall(PAGE.read_text())
+CALLS = CALL.findall(re.sub(r" *\\\n *", " ", PAGE.read_text()))  # a long line goes on below
 SERVED = {
     "/cell/confirm_step",
     "/cell/grasp",

@@ -20,7 +20,7 @@ from softgrip_interfaces.srv import ConfirmStep
 pytestmark = pytest.mark.ros
 
 PAGE = (Path(__file__).parents[5] / "docs" / "cell.md").read_text()
-LINES = re.findall(r"^(ros2 .+)$", PAGE, re.MULTILINE)
+LINES = re.findall(r"^(ros2 .+)$", PAGE.replace("\\\n", " "), re.MULTILINE)  # a long line goes on below
 TIMEOUT_S = 60.0
 INSERT = ConfirmStep.Request.INSERT
 #: Steps of a swap that a person confirms.
