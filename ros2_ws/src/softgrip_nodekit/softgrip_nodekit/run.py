@@ -42,7 +42,7 @@ SWITCH_INTERVAL = 0.001
 #: DDS says of what a key does not permit that it failed "for unknown reasons".
 _SECURE_HINT = (
     "the cell is secure: what its keys do not permit can not be made. Compare them with the access policy by "
-    "`ros2 run softgrip_security keys FOLDER --check`; `make keys` writes the rules anew"
+    "`ros2 run softgrip_security keys FOLDER --check`; `make keys` writes the rules again"
 )
 #: Marks an error that has been counted.
 _COUNTED = "softgrip_is_counted"

@@ -115,7 +115,7 @@ class Keystore:
         if not self._policy_file.is_file() or self._policy_file.read_bytes() != sros2.policy_xml(self._policy):
             found.append(
                 f"{self._policy_file}: expected the rules of this access policy and namespace, found others: what is "
-                "new in the policy is refused; write the rules anew with `make keys`, which replaces no key"
+                "new in the policy is refused; write the rules again with `make keys`, which replaces no key"
             )
         for name, enclave in self._enclaves().items():
             try:

@@ -198,7 +198,7 @@ def test_what_is_no_host_is_refused(folder, policy, host):
         Keystore(folder, policy, [host]).make()
 
 
-def test_keys_of_an_older_policy_are_named_and_written_anew_without_a_new_key(folder, policy):
+def test_keys_of_an_older_policy_are_named_and_written_again_without_a_new_key(folder, policy):
     older = Policy(policy.identities[:-1])
     Keystore(folder, older).make()
     keys = snapshot(folder)

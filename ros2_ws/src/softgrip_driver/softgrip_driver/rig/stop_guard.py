@@ -76,5 +76,5 @@ class StopGuard:
         if self._absent_since is not None and now - self._absent_since > self._max_absence_s:
             return "nobody publishes safety/state any more, so a stop could not arrive; see why tendon_driver has gone"
         if not self._is_answering:
-            return "tendon_driver does not answer its ping, so a stop could not arrive; see what it waits for"
+            return "tendon_driver does not answer its ping, so a stop might not arrive; see what it waits for"
         return ""
