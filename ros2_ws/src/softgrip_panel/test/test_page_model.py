@@ -446,6 +446,21 @@ def test_a_grasp_is_kept_with_curve_pictures_and_verdict(state: PanelState, cloc
     assert ",'=egg," in export_csv(grasp_rows(state.grasps.records, ()))  # no formula for a spreadsheet
 
 
+def test_a_grasp_that_follows_at_once_leaves_the_one_before_its_picture(state: PanelState, clock: ManualClock) -> None:
+    for k in range(2):
+        state.observe_cell(CellView("GRASPING", "power", product="egg"))
+        state.grasps.observe_picture(f"at {k}".encode())
+        state.observe_cell(CellView("IDLE", "power", gripped=k + 1, picks=k + 1))
+        for tenth in range(1, 4):
+            clock.s += 0.1
+            state.grasps.observe_picture(f"after {k}, {tenth}".encode())
+    clock.s += 2.0
+    state.grasps.observe_picture(b"long after")
+    second, first = state.grasps.records
+    assert first.pictures == {"at": b"at 0", "after": b"after 0, 3"}
+    assert second.pictures == {"before": b"after 0, 3", "at": b"at 1", "after": b"after 1, 3"}
+
+
 @pytest.mark.parametrize(
     ("stamp_s", "at_s"),
     [(502.0, 0.2), (503.0, 0.3), (502.5, 0.25), (507.0, 0.7), (math.nan, None)],

@@ -12,6 +12,8 @@ from softgrip_panel.model.facts import CellView, TensionView
 
 #: So many grasps are kept with their curves, and so many with their pictures, a hundred kilobytes each.
 MAX_GRASPS, MAX_PICTURED = 200, 50
+#: The picture after a verdict is the last one within this time; the next grasp may begin before [s].
+AFTER_S = 1.0
 #: A curve holds so many samples; the panel takes ten a second.
 MAX_SAMPLES = 600
 
@@ -134,7 +136,7 @@ class GraspHistory:
             return
         if record.ended_s is None:
             record.pictures["at"] = jpeg
-        elif "after" not in record.pictures and self._now_s() - record.ended_s > 1.0:
+        elif "after" not in record.pictures or self._now_s() - record.ended_s <= AFTER_S:
             record.pictures["after"] = jpeg
 
     def observe_result(

@@ -57,5 +57,5 @@ def rig_drawing(angle_rad: float, load_kg: float, label: str) -> str:
         + f'<circle cx="{cx}" cy="{cy}" r="{r}" {_LINE}/>'
         + f'<path d="M{cx + r} {cy} V200" {_MARK}/><rect x="{cx + r - 24}" y="200" width="48" height="32" {_LINE}/>'
         + f'<path d="M{cx + r} {cy} A{r} {r} 0 {large} 0 {ax:.1f} {ay:.1f} L{pull_x:.1f} {pull_y:.1f}" {_MARK}/>'
-        + f'<text x="20" y="30" fill="currentColor" font-size="22">{escape(text)}</text></svg>'
+        + f'<text x="410" y="30" text-anchor="end" fill="currentColor" font-size="22">{escape(text)}</text></svg>'
     )

@@ -28,7 +28,7 @@ def friction_page(page: Page) -> None:
                 _start(page)
         with element("div", classes="column"):
             _points(page)
-            _models(page)
+    _models(page)
 
 
 def _now(page: Page) -> None:
@@ -121,9 +121,9 @@ def _points(page: Page) -> None:
             for one in reversed(points):
                 with element("tr"):
                     text_element("td", f"{math.degrees(one.angle_rad):.0f}°")
-                    text_element("td", f"{one.load_kg:.2f} kg")
-                    text_element("td", f"{one.tension_low_n:.2f} N")
-                    text_element("td", f"{one.tension_high_n:.2f} ± {one.stddev_n:.2f} N")
+                    text_element("td", f"{one.load_kg:.2f} kg", "whole")
+                    text_element("td", f"{one.tension_low_n:.2f} N", "whole")
+                    text_element("td", f"{one.tension_high_n:.2f} ± {one.stddev_n:.2f} N", "whole")
                     text_element("td", f"{one.ratio:.3f}")
                     verdict_cell(one.verdict, one.reason, is_good=one.verdict == "ACCEPTED")
 
