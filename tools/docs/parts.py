@@ -60,7 +60,6 @@ def render() -> str:
     strip = load(shipped_directory() / "power.yaml").finger("index")
     return Template(Path(__file__).with_name("parts.md.in").read_text(encoding="utf-8")).substitute(
         faces=", ".join(model for face in drives.FACES for model in face.models),
-        without="; ".join(f"{model}: {reason}" for model, reason in drives.WITHOUT_PLATE.items()),
         cube=f"{bench.CUBE_MM:g}",
         cube_g=f"{bench.CUBE_G:g}",
         angles=f"{bench.WRAP_ANGLES_DEG[0]} to {bench.WRAP_ANGLES_DEG[-1]}",

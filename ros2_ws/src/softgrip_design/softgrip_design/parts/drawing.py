@@ -23,7 +23,9 @@ Array = NDArray[np.float64]
 
 SCALE = 2.0
 _INCH_MM = 25.4
-_TEXT: dict[str, Any] = {"fontsize": 6.5, "family": "DejaVu Sans"}
+_TEXT: dict[str, Any] = {"fontsize": 8.5, "family": "DejaVu Sans"}
+_PART_COLOUR = "#f5e6d0"
+_OVER_CHANNEL: dict[str, Any] = {"facecolor": _PART_COLOUR, "edgecolor": "none", "pad": 0.5}
 _ARROW: dict[str, Any] = {"arrowstyle": "<->", "linewidth": 0.5, "shrinkA": 0.0, "shrinkB": 0.0}
 
 
@@ -40,7 +42,7 @@ def figure_of(finger: FingerForm) -> Figure:
     axes.set_ylim(low, high)
     axes.set_axis_off()
     for outline in outlines:
-        axes.add_patch(Polygon(outline, closed=True, facecolor="#f5e6d0", edgecolor="black", linewidth=0.7))
+        axes.add_patch(Polygon(outline, closed=True, facecolor=_PART_COLOUR, edgecolor="black", linewidth=0.7))
     for bore in finger.channels:
         axes.plot((bore.start[0], bore.end[0]), (bore.start[1], bore.end[1]), "--", color="#c03020", linewidth=0.6)
     for j, groove in enumerate(finger.grooves):
@@ -69,7 +71,7 @@ def _draw_groove(axes: Axes, finger: FingerForm, groove: JointGroove, joint: int
         axes.plot((x, end_x), (0.0, end_y), "-", color="#3060c0", linewidth=0.5)
         axes.plot(end_x, end_y, ".", color="#3060c0", markersize=3)
         axes.text(end_x + (1.0 if side else -1.0), end_y - 0.4, f"r{2 * joint + side} = {r:.3f}",
-                  ha="left" if side else "right", color="#203f80", **_TEXT)  # fmt: skip
+                  ha="left" if side else "right", color="#203f80", bbox=_OVER_CHANNEL, **_TEXT)  # fmt: skip
     opening = math.degrees(2.0 * groove.half_opening_rad)
     free = math.degrees(groove.free_rad)
     stop = f", strip free to {free:.0f}°" if free < opening - 0.5 else ""

@@ -84,6 +84,23 @@ FACES = (
         "XL430 and XC430: e-manual XM430-W350, 'same form factors'",
     ),
     ServoFace(
+        name="x540",
+        models=("XM540-W270", "XM540-W150"),
+        case_mm=(33.5, 58.5),
+        axis_mm=13.75,
+        horn_radius_mm=13.0,
+        horn_mm=2.6,
+        boss_radius_mm=5.0,
+        horn_holes=(8, 11.0),
+        frame_holes=((-13.5, -10.5), (13.5, -10.5)),
+        frame_radius_mm=1.35,
+        horn_hole_radius_mm=1.35,
+        screws=(("M2.5 x 6, plate", 2), ("M2.5 x 12, spool", 8)),
+        source="ROBOTIS drawings XM540/XH540/XD540 (HINGE), 18 Mar 2019, and HN13-N101, 22 May 2019 (e-manual "
+        "XM540-W270, Drawings)",
+        horn_thread_mm=2.5,
+    ),
+    ServoFace(
         name="sts3215",
         models=("STS3215",),
         case_mm=(24.82, 45.42),
@@ -119,13 +136,6 @@ FACES = (
     ),
 )
 
-#: Drives of tendon_driver without a plate here, and why.
-WITHOUT_PLATE = dict.fromkeys(
-    ("XM540-W150", "XM540-W270"),
-    "no drawing of its front could be had (e-manual XM540-W270 links ROBOTIS' own: draw plate and spool by it); it "
-    "wants a spool of 25 mm (docs/driver.md)",
-)
-
 PLATE_MM, RAIL_MM, EDGE_MM = 4.0, 8.0, 1.0
 #: Room around a horn and its spool, and between neighbours.
 PLAY_MM = 0.5
@@ -148,8 +158,6 @@ def face_of(model: str) -> ServoFace:
     for face in FACES:
         if model in face.models:
             return face
-    if model in WITHOUT_PLATE:
-        raise PartError(f"servo {model}: there is no plate for it: {WITHOUT_PLATE[model]}")
     known = ", ".join(model for face in FACES for model in face.models)
     raise PartError(f"servo: expected one of {known}, found {model!r}")
 
