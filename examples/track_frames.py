@@ -14,8 +14,8 @@ from softgrip_bag.definition import decode, parse_definitions
 from softgrip_bag.reader import attachments, read, topic_summaries
 from softgrip_time.units import to_s
 from softgrip_vision import calibration
-from softgrip_vision.finger import TrackerOptions
 from softgrip_vision.layout import FingerSetup, read_chains
+from softgrip_vision.options import TrackerOptions
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.tracker import Tracker
 

@@ -80,7 +80,8 @@ SHARED_CMAKE = WORKSPACE / "softgrip_cmake" / "cmake" / "softgrip_cmakeConfig.cm
 #: Keys and packages of Jazzy that package.xml files name, looked up in rosdep/*.yaml and jazzy/distribution.yaml of
 #: github.com/ros/rosdistro (snapshot of 22 Aug 2026). Any other one is in rosdep/softgrip.yaml or is a mistake.
 IN_ROSDISTRO = {
-    "action_msgs", "ament_cmake", "ament_cmake_pytest", "ament_cmake_python", "ament_index_python",
+    "action_msgs", "ament_cmake", "ament_cmake_lint_cmake", "ament_cmake_pytest", "ament_cmake_python",
+    "ament_cmake_xmllint", "ament_index_python", "ament_lint_auto",
     "builtin_interfaces", "cmake", "compressed_image_transport", "control_msgs", "controller_manager",
     "diagnostic_msgs", "dynamixel_sdk", "eigen", "geometry_msgs", "gtest", "joint_state_broadcaster",
     "joint_state_topic_hardware_interface", "launch", "launch_testing", "launch_yaml", "lifecycle_msgs",

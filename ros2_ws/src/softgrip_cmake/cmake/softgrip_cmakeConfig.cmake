@@ -4,7 +4,7 @@
 
 # softgrip_setup(): what every package with a core begins with, after project().
 macro(softgrip_setup)
-  option(SOFTGRIP_TESTS_ONLY "Build the unit tests of the C++ cores, and nothing else" OFF)
+  option(SOFTGRIP_TESTS_ONLY "Build the unit tests of the C++ cores alone" OFF)
   set(CMAKE_CXX_STANDARD 17)
   set(CMAKE_CXX_STANDARD_REQUIRED ON)
   set(CMAKE_CXX_EXTENSIONS OFF)
@@ -73,12 +73,17 @@ function(softgrip_core_tests name)
     --gtest_output=xml:${CMAKE_CURRENT_BINARY_DIR}/test_results/${PROJECT_NAME}/${name}.gtest.xml)
 endfunction()
 
-# softgrip_finish([PYTEST]): what every package with a core ends with. PYTEST: colcon test runs the package's test/ with pytest.
+# softgrip_finish([PYTEST]): what every package with a core ends with; colcon test runs the linters that package.xml names.
+# PYTEST: it runs the package's test/ with pytest, too.
 macro(softgrip_finish)
   if(NOT SKBUILD AND NOT SOFTGRIP_TESTS_ONLY)
-    if(BUILD_TESTING AND "${ARGN}" STREQUAL "PYTEST")
-      find_package(ament_cmake_pytest REQUIRED)
-      ament_add_pytest_test(pytest test TIMEOUT 600)
+    if(BUILD_TESTING)
+      find_package(ament_lint_auto REQUIRED)
+      ament_lint_auto_find_test_dependencies()
+      if("${ARGN}" STREQUAL "PYTEST")
+        find_package(ament_cmake_pytest REQUIRED)
+        ament_add_pytest_test(pytest test TIMEOUT 600)
+      endif()
     endif()
     ament_package()
   endif()

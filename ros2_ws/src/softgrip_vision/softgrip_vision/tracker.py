@@ -12,11 +12,10 @@ from softgrip_model.digest import text_digest
 from softgrip_vision.calibration import CameraCalibration
 from softgrip_vision.colour import Image
 from softgrip_vision.errors import FrameError, LayoutError
-from softgrip_vision.finger import FingerTracker, TrackerOptions
+from softgrip_vision.finger import FingerTracker
 from softgrip_vision.layout import Chains, FingerSetup
+from softgrip_vision.options import TrackerOptions
 from softgrip_vision.readings import FingerReading
-
-__all__ = ["Tracker", "TrackerOptions"]
 
 
 @dataclass

@@ -15,8 +15,9 @@ from softgrip_testing.synthetic_images import Conditions, Occluder, SyntheticSce
 from softgrip_vision.calibration import CameraCalibration, PlaneMap
 from softgrip_vision.chain import ChainGeometry
 from softgrip_vision.errors import CalibrationError, FrameError, LayoutError
-from softgrip_vision.finger import FingerTracker, TrackerOptions
+from softgrip_vision.finger import FingerTracker
 from softgrip_vision.layout import ChainLayout, FingerSetup, parse_region, read_chains
+from softgrip_vision.options import TrackerOptions
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.search import find_chain
 from softgrip_vision.spots import Spot

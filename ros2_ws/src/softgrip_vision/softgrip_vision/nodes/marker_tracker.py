@@ -44,10 +44,10 @@ from softgrip_vision import calibration, colour
 from softgrip_vision.calibration import file_when_there
 from softgrip_vision.encoded_image import decode, image_size, thumbnail, thumbnail_of
 from softgrip_vision.errors import VisionError
-from softgrip_vision.finger import TrackerOptions
 from softgrip_vision.frame import CameraFrame
 from softgrip_vision.layout import FingerSetup, parse_region, read_chains
 from softgrip_vision.nodes import convert
+from softgrip_vision.options import TrackerOptions
 from softgrip_vision.overlay import draw
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.still import StillWatch
