@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Takes docs/images/panel_*.png: every page of the panel of an emulated cell that runs, by clicks in a real Chromium.
 
-make cell, then: .venv/bin/python tools/docs/panel_pictures.py http://127.0.0.1:8480
+make cell, then: .venv/bin/python tools/pages/panel_pictures.py http://127.0.0.1:8480
 """
 
 from __future__ import annotations
