@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
 
@@ -26,6 +26,38 @@ class ShownParts:
             holder.clear()
             with holder:
                 make(value)
+
+        self.follow_value(read, write)
+
+    def rows(
+        self,
+        holder: Any,
+        read: Callable[[], Any],
+        list_rows: Callable[[Any], Sequence[Hashable]],
+        make: Callable[[Any], Any],
+    ) -> None:
+        """Keep one element a row, in their order: new rows are made, gone ones deleted, all others stay as they are.
+
+        A long list that were made again for each of its changes would fill the browser of a page left open for hours.
+
+        Args:
+            holder: of the rows and nothing else.
+            read: returns what the list depends on, cheaply.
+            list_rows: returns the rows for that, each once.
+            make: makes a row and returns its element.
+        """
+        made: dict[Hashable, Any] = {}
+
+        def write(value: Any) -> None:
+            wanted = dict.fromkeys(list_rows(value))
+            for gone in [row for row in made if row not in wanted]:
+                made.pop(gone).delete()
+            for place, row in enumerate(wanted):
+                if row not in made:
+                    with holder:
+                        made[row] = make(row)
+                if holder.default_slot.children[place] is not made[row]:
+                    made[row].move(holder, place)
 
         self.follow_value(read, write)
 

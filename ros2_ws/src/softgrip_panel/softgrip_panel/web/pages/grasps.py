@@ -51,18 +51,17 @@ def _list(page: Page, show: object) -> None:
             """Return what the list depends on; the list itself is made only when that has changed."""
             return page.state.grasps.version, page.state.counted, chosen()
 
-        def write(seen: tuple[Any, ...]) -> None:
+        def list_rows(seen: tuple[Any, ...]) -> list[GraspRow]:
             rows = grasp_rows(page.state.grasps.records, page.state.counted)
             found = [row for row in rows if seen[2].admits(row)][:MAX_ROWS]
             none.set_visibility(not found)
-            for row in found:
-                _row(page, row, show)
+            return found
 
-        page.shown.parts(body, look, write)
+        page.shown.rows(body, look, list_rows, lambda row: _row(page, row, show))
 
 
-def _row(page: Page, row: GraspRow, show: object) -> None:
-    with element("tr"):
+def _row(page: Page, row: GraspRow, show: object) -> Any:
+    with element("tr") as made:
         text_element("td", clock_text(row.at_s), "whole")
         text_element("td", row.product)
         with element("td"):
@@ -75,6 +74,7 @@ def _row(page: Page, row: GraspRow, show: object) -> None:
             if row.number is not None and callable(show):
                 number = row.number
                 page.button("grasps.show", lambda: show(number), "small", name=f"show-{number}")
+    return made
 
 
 def _detail_holder(page: Page) -> object:

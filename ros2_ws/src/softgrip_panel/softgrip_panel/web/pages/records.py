@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from datetime import date
 from html import escape
+from typing import Any
 from urllib.parse import quote
 
 import segno
@@ -34,15 +35,11 @@ def records_page(page: Page) -> None:
             is_whole=True,
         )
 
-        def write(fingers: tuple[FingerRecordView, ...]) -> None:
-            for one in fingers:
-                _row(page, one)
-
-        page.shown.parts(body, lambda: page.state.fingers, write)
+        page.shown.rows(body, lambda: page.state.fingers, tuple, lambda one: _row(page, one))
 
 
-def _row(page: Page, record: FingerRecordView) -> None:
-    with element("tr", data_serial=record.serial):
+def _row(page: Page, record: FingerRecordView) -> Any:
+    with element("tr", data_serial=record.serial) as made:
         text_element("th", record.serial, "serial", scope="row")
         text_element("td", f"{record.profile} {record.finger}")
         with element("td"):
@@ -67,6 +64,7 @@ def _row(page: Page, record: FingerRecordView) -> None:
                 page.button(
                     "records.retire", lambda: _ask_retire(page, record), "small", name=f"retire-{record.serial}"
                 )
+    return made
 
 
 def _ask_retire(page: Page, record: FingerRecordView) -> None:
