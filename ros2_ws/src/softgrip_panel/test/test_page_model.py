@@ -12,6 +12,7 @@ import math
 import random
 import struct
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -30,7 +31,15 @@ from softgrip_panel.model.bags import BagFolder
 from softgrip_panel.model.control import LOST_S, ControlDesk
 from softgrip_panel.model.desk import MAX_STRANGERS, STRANGERS_S, ActDesk
 from softgrip_panel.model.explain import explain_reset, explain_stop
-from softgrip_panel.model.facts import CellView, CountedView, SafetyView, StopPolicyView, TendonView, TensionView
+from softgrip_panel.model.facts import (
+    CellView,
+    CountedView,
+    ProductView,
+    SafetyView,
+    StopPolicyView,
+    TendonView,
+    TensionView,
+)
 from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
 from softgrip_panel.model.grasps import MAX_GRASPS, MAX_PICTURED, GraspRecord
 from softgrip_panel.model.orders import OrderLine, read_orders
@@ -339,6 +348,17 @@ def test_a_silent_driver_is_an_alarm(state: PanelState, clock: ManualClock) -> N
     state.advance()
     assert state.is_stale
     assert "silent" in state.alarms.active[0].fact.title
+
+
+# --- finger sets
+
+
+def test_the_sets_to_swap_to_are_the_catalogues_a_users_own_too(state: PanelState) -> None:
+    assert state.finger_sets == ()
+    marks = {"power": "success", "pinch": "", "hook": "failure"}
+    egg = ProductView("egg", "egg", "power", 0.06, marks, {}, {})
+    state.catalogue = (egg, replace(egg, id="nut", table_marks={**marks, "my_pinch": "success"}))
+    assert state.finger_sets == ("power", "pinch", "hook", "my_pinch")
 
 
 # --- explanations

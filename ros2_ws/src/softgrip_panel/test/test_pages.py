@@ -113,6 +113,18 @@ def test_an_order_list_is_planned_run_and_counted(browser: PanelBrowser, site: R
     assert grasped[-3:] == ["egg", "egg", "grape"]
 
 
+def test_a_users_own_finger_set_is_mounted_by_its_button(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/swap")
+    take_control(browser)
+    browser.press("swap-my_pinch")
+    browser.wait_for_text("#instruction", "Open the palm.")
+    swaps = [one["request"]["finger_set"] for one in site.calls() if one["act"] == "swap"]
+    assert swaps == ["my_pinch"]
+    assert len(browser.script("return [...document.querySelectorAll('.drawing .slot')]")) == len(("i", "m", "t"))
+    browser.press("swap-cancel")
+    browser.wait_for_text("#instruction", "CANCELLED")
+
+
 def test_a_swap_survives_reload_and_a_second_browser_and_takes_scanned_serials(
     browser: PanelBrowser, site: RunningSite
 ) -> None:

@@ -186,6 +186,11 @@ class PanelState:
             self.alarms.advance()
 
     @property
+    def finger_sets(self) -> tuple[str, ...]:
+        """Every finger set of the cell's catalogue, a user's own too, in its order; empty while it is not known."""
+        return tuple(dict.fromkeys(name for product in self.catalogue for name in product.table_marks))
+
+    @property
     def is_stale(self) -> bool:
         """Whether the driver is not heard: what is shown may be old."""
         return self.monotonic_s() - self._heard_s > SILENCE_S
