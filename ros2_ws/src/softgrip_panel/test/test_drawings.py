@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import pytest
 
@@ -33,7 +34,7 @@ def path_points(path: str) -> list[tuple[float, float]]:
     return points
 
 
-def points_of(part: ElementTree.Element) -> list[tuple[float, float]]:
+def points_of(part: ET.Element) -> list[tuple[float, float]]:
     """Return the points that one part reaches."""
     kind, number = part.tag.rpartition("}")[2], {k: float(v) for k, v in part.items() if k in _SIZES}
     assert "transform" not in part.attrib
@@ -54,9 +55,9 @@ def points_of(part: ElementTree.Element) -> list[tuple[float, float]]:
 _SIZES = {"x", "y", "width", "height", "cx", "cy", "r", "font-size"}
 
 
-def assert_whole(drawing: str) -> ElementTree.Element:
+def assert_whole(drawing: str) -> ET.Element:
     """Assert that every part, with half its stroke, lies inside the picture; return it."""
-    root = ElementTree.fromstring(drawing)
+    root = ET.fromstring(drawing)
     left, top, width, height = (float(one) for one in root.attrib["viewBox"].split())
     for part in list(root.iter())[1:]:
         half = float(part.get("stroke-width", "0")) / 2.0
@@ -73,7 +74,7 @@ def test_a_step_of_a_swap_is_drawn_whole_with_every_slot(step: str, slots: int) 
     places = [float(one.attrib["x"]) for one in root.iter() if one.get("class") == "slot"]
     wide = [float(one.attrib["width"]) for one in root.iter() if one.get("class") == "slot"]
     assert len(places) == slots
-    assert all(later - earlier > wide[0] for earlier, later in zip(places, places[1:], strict=False))
+    assert all(later - earlier > wide[0] for earlier, later in itertools.pairwise(places))
 
 
 @pytest.mark.parametrize("degrees", range(10, 181, 5))

@@ -33,6 +33,7 @@ from softgrip_panel.model.desk import MAX_STRANGERS, STRANGERS_S, ActDesk
 from softgrip_panel.model.explain import explain_reset, explain_stop
 from softgrip_panel.model.facts import (
     CellView,
+    ComponentHealth,
     CountedView,
     ProductView,
     SafetyView,
@@ -348,6 +349,115 @@ def test_a_silent_driver_is_an_alarm(state: PanelState, clock: ManualClock) -> N
     state.advance()
     assert state.is_stale
     assert "silent" in state.alarms.active[0].fact.title
+
+
+SWAP_LOCK = SafetyView(locked=True, lock_owner="grasp_mix_manager: swap to 'power'", lock_reason="swap to 'power'")
+
+
+def said(name: str, message: str, level: int = 1) -> ComponentHealth:
+    return ComponentHealth(name, level, message)
+
+
+def play(state: PanelState, clock: ManualClock, seconds: float, *statuses: ComponentHealth) -> None:
+    """Let time pass with /diagnostics once a second and the panel's ticks between."""
+    for _ in range(round(10 * seconds)):
+        if round(10 * clock.s) % 10 == 0:
+            state.observe_health(statuses)
+        state.observe_tendons([TendonView("index", "HOLDING", homed=True)])
+        clock.s = round(clock.s + 0.1, 1)
+        state.advance()
+
+
+def test_a_healthy_shift_has_no_alarm_to_acknowledge(state: PanelState, clock: ManualClock) -> None:
+    """What an emulated cell says from its start through a swap to a grasp."""
+    frames, late = "c/marker_tracker: frames", "c/tendon_driver: executor"
+    state.observe_cell(CellView("IDLE", "power"))
+    state.observe_safety(SafetyView())
+    play(state, clock, 4.0, said(frames, "no frame yet; is the camera running?"))
+    play(state, clock, 2.0, said(frames, "measured", 0), said(late, "callbacks were run 1.4 s late"))
+    play(state, clock, 2.0, said(late, "", 0))
+    state.observe_safety(SWAP_LOCK)  # before the cell says that it swaps
+    play(state, clock, 0.5)
+    state.observe_cell(CellView("SWAPPING", "power"))
+    play(state, clock, 250.0, said("c/gdfe_simulator: finger index", "cable slack: shown at rest", 0))
+    assert [one.title for one in state.alarms.remarks] == ["drives locked by grasp_mix_manager: swap to 'power'"]
+    state.observe_safety(SafetyView())
+    state.observe_cell(CellView("IDLE", "power"))
+    play(state, clock, 5.0, said("c/gdfe_simulator: finger index", "4.0 Hz instead of 10 Hz: states come more slowly"))
+    play(state, clock, 5.0, said("c/gdfe_simulator: finger index", "1200 hexahedra at 10 Hz", 0))
+    assert state.alarms.active == ()
+    assert state.alarms.remarks == ()
+
+
+LASTING = {
+    "a node that is always late": said("c/camera: executor", "callbacks were run 2.0 s late; see what takes so long"),
+    "a callback that failed": said("c/camera: executor", "a callback failed, see the log: ValueError"),
+    "markers that the tracker has lost": said("c/marker_tracker: finger index", "index: tip not seen"),
+    "no frame at all": said("c/marker_tracker: frames", "no frame yet; is the camera running?"),
+    "shapes that stay coarse": said("c/gdfe_simulator: finger index", "coarser mesh"),
+    "a node that is gone": said("c/grasp_mix_manager: node /c/camera", "gone: ended"),
+    "an input that is gone": said("c/kinematics_predictor: input tendon/state", "gone: ended"),
+    "a finger that is worn": said("c/kinematics_predictor: finger index", "friction +20 %: swap it"),
+}
+
+
+@pytest.mark.parametrize("status", LASTING.values(), ids=list(LASTING))
+def test_what_lasts_is_an_alarm_with_cause_and_remedy(
+    status: ComponentHealth, state: PanelState, clock: ManualClock
+) -> None:
+    play(state, clock, 12.0, status)
+    (alarm,) = state.alarms.active
+    assert alarm.fact.title == status.message
+    assert alarm.fact.cause
+    assert alarm.fact.remedy
+    assert state.alarms.remarks == ()
+
+
+def test_an_error_waits_for_nothing(state: PanelState) -> None:
+    for name in ("c/tendon_driver: bus", "c/marker_tracker: frames", "c/gdfe_simulator: finger index"):
+        state.observe_health([said(name, "no frame: lost", 2)])
+    assert len(state.alarms.active) == 3
+
+
+@pytest.mark.parametrize(
+    ("lock", "mode", "after_s"),
+    [
+        (SafetyView(locked=True, lock_owner="Bob", lock_reason="hands inside"), "SWAPPING", 0.0),
+        (SafetyView(locked=True, lock_owner="Bob", lock_reason="hands inside"), "IDLE", 0.0),
+        (SWAP_LOCK, "IDLE", 1.0),  # hands may be inside still
+        (SWAP_LOCK, "FAULT", 1.0),
+        (SWAP_LOCK, "", 1.0),
+    ],
+    ids=["another's in a swap", "another's", "a swap's that has ended", "a swap's at fault", "without a manager"],
+)
+def test_a_lock_that_is_no_running_swaps_own_is_an_alarm(
+    lock: SafetyView, mode: str, after_s: float, state: PanelState, clock: ManualClock
+) -> None:
+    if mode:
+        state.observe_cell(CellView(mode))
+    state.observe_safety(lock)
+    clock.s += after_s
+    state.observe_tendons([])
+    state.advance()
+    (alarm,) = state.alarms.active
+    assert lock.lock_owner in alarm.fact.title
+    assert alarm.fact.cause == lock.lock_reason
+    assert alarm.fact.remedy
+
+
+def test_what_comes_and_goes_before_it_has_lasted_begins_at_nothing(clock: ManualClock) -> None:
+    book = AlarmBook(clock)
+    fact = AlarmFact("here", "late", patience_s=3.0)
+    for _ in range(5):
+        book.observe("source", {"k": fact})
+        clock.s += 2.0
+        book.advance()
+        book.observe("source", {})
+    assert book.active == ()
+    book.observe("source", {"k": fact})
+    clock.s += 3.0
+    book.advance()  # the source need not say it twice
+    assert [alarm.key for alarm in book.active] == ["k"]
 
 
 # --- finger sets
