@@ -419,22 +419,27 @@ def test_an_error_waits_for_nothing(state: PanelState) -> None:
     assert len(state.alarms.active) == 3
 
 
+BOBS_LOCK = SafetyView(locked=True, lock_owner="Bob", lock_reason="hands inside")
+
+
 @pytest.mark.parametrize(
-    ("lock", "mode", "after_s"),
+    ("lock", "cell", "after_s"),
     [
-        (SafetyView(locked=True, lock_owner="Bob", lock_reason="hands inside"), "SWAPPING", 0.0),
-        (SafetyView(locked=True, lock_owner="Bob", lock_reason="hands inside"), "IDLE", 0.0),
-        (SWAP_LOCK, "IDLE", 1.0),  # hands may be inside still
-        (SWAP_LOCK, "FAULT", 1.0),
-        (SWAP_LOCK, "", 1.0),
+        (BOBS_LOCK, CellView("SWAPPING"), 0.0),
+        (BOBS_LOCK, CellView("IDLE"), 0.0),
+        (SWAP_LOCK, CellView("IDLE"), 1.0),
+        (SWAP_LOCK, CellView("SWAPPING", reason="FAILED at remove; confirm hands_out"), 1.0),  # hands may be inside
+        (SWAP_LOCK, CellView("SWAPPING", reason="restarted during swap"), 1.0),
+        (SWAP_LOCK, CellView("FAULT"), 1.0),
+        (SWAP_LOCK, None, 1.0),
     ],
-    ids=["another's in a swap", "another's", "a swap's that has ended", "a swap's at fault", "without a manager"],
+    ids=["another's in a swap", "another's", "no swap's", "an ended swap's", "a lost swap's", "fault", "no manager"],
 )
 def test_a_lock_that_is_no_running_swaps_own_is_an_alarm(
-    lock: SafetyView, mode: str, after_s: float, state: PanelState, clock: ManualClock
+    lock: SafetyView, cell: CellView | None, after_s: float, state: PanelState, clock: ManualClock
 ) -> None:
-    if mode:
-        state.observe_cell(CellView(mode))
+    if cell is not None:
+        state.observe_cell(cell)
     state.observe_safety(lock)
     clock.s += after_s
     state.observe_tendons([])

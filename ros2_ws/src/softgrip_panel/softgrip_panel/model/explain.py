@@ -13,7 +13,8 @@ from typing import Any, Final
 
 from softgrip_driver.faults import FAULTS, Recovery
 from softgrip_panel.model.alarms import AlarmFact, AlarmLevel
-from softgrip_panel.model.facts import ComponentHealth, SafetyView, StopPolicyView, TendonView
+from softgrip_panel.model.facts import CellView, ComponentHealth, SafetyView, StopPolicyView, TendonView
+from softgrip_panel.model.swap import HANDS_OUT, RESTARTED
 
 Line = tuple[str, dict[str, Any]]
 
@@ -91,18 +92,18 @@ def explain_health(found: ComponentHealth) -> AlarmFact:
     )
 
 
-def explain_lock(safety: SafetyView, mode: str) -> tuple[str, AlarmFact]:
+def explain_lock(safety: SafetyView, cell: CellView | None) -> tuple[str, AlarmFact]:
     """Return a lock of the drives with its key: a running swap's own is never an alarm, anybody else's is one.
 
     Args:
         safety: with a lock.
-        mode: of the cell.
+        cell: that may be swapping; after a swap that ended in its midst the mode stays, and the reason tells.
     """
     title = f"drives locked by {safety.lock_owner}"
     if safety.lock_owner.partition(":")[0] != MANAGER:
         remedy = "who locked them ends it (tendon/unlock with the token that tendon/lock gave); go and ask first"
         return "lock", AlarmFact("safety/state", title, AlarmLevel.WARNING, safety.lock_reason, remedy)
-    if mode == "SWAPPING":
+    if cell is not None and cell.mode == "SWAPPING" and HANDS_OUT not in cell.reason and RESTARTED not in cell.reason:
         return "lock/swap", AlarmFact(
             "safety/state", title, AlarmLevel.WARNING, safety.lock_reason, patience_s=math.inf
         )

@@ -130,7 +130,7 @@ class PanelState:
         """Whose lock it is, is known by safety/state and cell/state together."""
         facts = {}
         if self.safety is not None and self.safety.locked:
-            key, fact = explain_lock(self.safety, self.cell.mode if self.cell else "")
+            key, fact = explain_lock(self.safety, self.cell)
             facts[key] = fact
         self.alarms.observe("lock", facts)
 
