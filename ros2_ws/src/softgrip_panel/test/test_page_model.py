@@ -30,12 +30,13 @@ from softgrip_panel.model.alarms import AlarmBook, AlarmFact, AlarmStage
 from softgrip_panel.model.bags import BagFolder
 from softgrip_panel.model.control import LOST_S, ControlDesk
 from softgrip_panel.model.desk import MAX_STRANGERS, STRANGERS_S, ActDesk
-from softgrip_panel.model.explain import explain_reset, explain_stop
+from softgrip_panel.model.explain import explain_reset, explain_residual, explain_stop
 from softgrip_panel.model.facts import (
     CellView,
     ComponentHealth,
     CountedView,
     ProductView,
+    ResidualView,
     SafetyView,
     StopPolicyView,
     TendonView,
@@ -463,6 +464,29 @@ def test_what_comes_and_goes_before_it_has_lasted_begins_at_nothing(clock: Manua
     clock.s += 3.0
     book.advance()  # the source need not say it twice
     assert [alarm.key for alarm in book.active] == ["k"]
+
+
+# --- verdicts of fingers
+
+
+@pytest.mark.parametrize(
+    ("verdict", "reason", "mode", "said_of_it"),
+    [
+        ("OK", "learning the baseline: closing 1 of 5", "HOLDING", ("fingers.not_judged", False)),
+        ("OK", "", "HOLDING", ("fingers.not_judged", False)),
+        ("OK", "", "GRASPING", ("fingers.not_judged", False)),
+        ("OK", "learning the baseline: closing 1 of 5", "IDLE", ("fingers.learning", False)),
+        ("UNSET", "", "IDLE", ("fingers.learning", False)),
+        ("OK", "", "IDLE", ("", True)),
+        ("WORN", "friction +60 %", "HOLDING", ("", False)),  # what wants an act is said at all times
+        ("RECALIBRATE", "friction +20 %", "IDLE", ("", False)),
+    ],
+)
+def test_a_finger_is_good_only_when_it_was_judged(
+    verdict: str, reason: str, mode: str, said_of_it: tuple[str, bool]
+) -> None:
+    residual = ResidualView("index", 0.030, 31.0, 0.0, 0.0, verdict, reason)
+    assert explain_residual(residual, CellView(mode)) == said_of_it
 
 
 # --- finger sets

@@ -76,6 +76,10 @@ def test_a_grasp_by_clicks_and_what_is_kept_of_it(browser: PanelBrowser, site: R
     assert "What is held falls" in browser.text("#release-hint")
     browser.press("hold")
     browser.wait_for_text("#mode", "Holding")
+    browser.open("/fingers")
+    browser.wait_for_text("#residuals", "not judged while holding")
+    assert browser.script("return document.querySelectorAll('#residuals .good').length") == 0
+    browser.open("/")
     browser.wait_for_text("#count-gripped", "1")
     browser.press("release")
     browser.wait_for_text("#mode", "Idle")
@@ -91,6 +95,8 @@ def test_a_grasp_by_clicks_and_what_is_kept_of_it(browser: PanelBrowser, site: R
     browser.wait(lambda: len(browser.script(export).splitlines()) == 1, "an export by the filter")
     browser.open("/fingers")
     browser.wait_for_text("#contacts", "at the last verdict: BLOCKED")
+    browser.wait(lambda: "not judged" not in browser.text("#residuals"), "a verdict of an empty finger")
+    assert browser.script("return document.querySelectorAll('#residuals .good').length") == 0  # it learns
 
 
 def test_an_order_list_is_planned_run_and_counted(browser: PanelBrowser, site: RunningSite) -> None:

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from softgrip_driver.faults import FAULTS, Recovery
 from softgrip_panel.model.alarms import AlarmFact, AlarmLevel
-from softgrip_panel.model.facts import CellView, ComponentHealth, SafetyView, StopPolicyView, TendonView
+from softgrip_panel.model.facts import CellView, ComponentHealth, ResidualView, SafetyView, StopPolicyView, TendonView
 from softgrip_panel.model.swap import HANDS_OUT, RESTARTED
 
 Line = tuple[str, dict[str, Any]]
@@ -22,6 +22,10 @@ Line = tuple[str, dict[str, Any]]
 MANAGER: Final = "grasp_mix_manager"
 #: Its lock outside a swap is an alarm after so long [s]: safety/state and cell/state do not come at one instant.
 LOCK_LASTS_S: Final = 1.0
+#: What a finger's residual says before its first verdict.
+LEARNING: Final = "learning the baseline"
+#: Modes in which a product may be between the fingers.
+_HOLDING: Final = frozenset({"GRASPING", "HOLDING", "UNKNOWN"})
 #: Levels of /diagnostics.
 _WARN, _ERROR = 1, 2
 
@@ -90,6 +94,21 @@ def explain_health(found: ComponentHealth) -> AlarmFact:
     return AlarmFact(
         found.name, found.message, AlarmLevel.WARNING, known.cause, known.remedy, patience_s=known.patience_s
     )
+
+
+def explain_residual(residual: ResidualView, cell: CellView | None) -> tuple[str, bool]:
+    """Return the key of what is said of a finger instead of its verdict, and whether it is good.
+
+    A finger is judged by empty closings alone: while something is held, where its tip is says nothing of the finger,
+    and an OK of before is none of now. What wants a person's act is said at all times, with the empty key.
+    """
+    if residual.verdict not in {"OK", "UNSET"}:
+        return "", False
+    if cell is not None and cell.mode in _HOLDING:
+        return "fingers.not_judged", False
+    if residual.verdict == "UNSET" or residual.reason.startswith(LEARNING):
+        return "fingers.learning", False
+    return "", True
 
 
 def explain_lock(safety: SafetyView, cell: CellView | None) -> tuple[str, AlarmFact]:
