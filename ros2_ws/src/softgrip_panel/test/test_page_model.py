@@ -35,6 +35,7 @@ from softgrip_panel.model.facts import (
     CellView,
     ComponentHealth,
     CountedView,
+    MountedView,
     ProductView,
     ResidualView,
     SafetyView,
@@ -49,7 +50,7 @@ from softgrip_panel.model.records import GraspFilter, export_csv, grasp_rows
 from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import SILENCE_S, PanelState
 from softgrip_panel.model.swap import SwapPhase, SwapProgress
-from softgrip_panel.model.work import PlannedStep, Worker, WorkOptions, WorkPhase, WorkRun
+from softgrip_panel.model.work import LEFT_OUT, PlannedStep, Worker, WorkOptions, WorkPhase, WorkRun
 from softgrip_testing.manual_clock import ManualClock
 
 ADA = Person("a", "Ada", Role.OPERATE)
@@ -272,6 +273,70 @@ def test_a_run_is_begun_by_who_has_control_and_ended_by_who_operates(state: Pane
     assert asyncio.run(play()) == [False, False, True, False, False, True, False]
     assert [who for who, detail in audited if detail.startswith("done")] == ["Ada start_run", "Bob pause_run"]
     assert ("Eve pause_run", "refused: expected the role operate, found look; log in as one who may") in audited
+
+
+class RefusingCalls(Calls):
+    """A cell that grasps everything but grapes."""
+
+    async def call(self, act: Act, who: str) -> ActResult:
+        await super().call(act, who)
+        if act.name != "grasp":
+            return ActResult(success=True, message="done")
+        if act.subject == "grape":
+            return ActResult(success=False, message="TENDON_FAULT: index: no reply", answer=act)
+        return ActResult(success=True, message="GRIPPED: both sides press", answer=act)
+
+
+def test_a_product_that_is_always_refused_is_left_out_by_who_has_control(state: PanelState, clock: ManualClock) -> None:
+    desk = ActDesk(state, RefusingCalls(), ActRecord(None, lambda: 0.0))
+    audited: list[tuple[str, str, str, str]] = []
+    desk.on_done = lambda *line: audited.append(line)
+    worker = Worker(desk, WorkRun(clock))
+    answer = SimpleNamespace(swaps=0, predicted_time=8.0, expected_success=0.9, redundant_sets=[])
+    steps = [PlannedStep("grape", 1, "power", False, 0.9, 4.0), PlannedStep("egg", 1, "power", False, 0.9, 4.0)]
+    worker.run.plan(steps, answer)
+    mounted = (MountedView("index", "A", "power", "verified"),)
+    state.observe_cell(CellView("IDLE", "power", mounted))
+
+    async def until_it_rests() -> None:
+        for _ in range(100):
+            await asyncio.sleep(0)
+
+    async def play() -> list[bool]:
+        state.control.take_control(ADA)
+        before = worker.leave_out(ADA).success  # nothing is paused yet
+        worker.start(ADA, WorkOptions())
+        in_run = worker.leave_out(ADA).success
+        await until_it_rests()
+        assert worker.run.phase is WorkPhase.PAUSED
+        worker.start(ADA, WorkOptions())  # it is refused as often as it is tried
+        await until_it_rests()
+        assert worker.run.next_number == 0
+        left = [worker.leave_out(one).success for one in (EVE, BOB, ADA)]
+        worker.start(ADA, WorkOptions())
+        await until_it_rests()
+        return [before, in_run, *left]
+
+    assert asyncio.run(play()) == [False, False, False, False, True]
+    assert worker.run.phase is WorkPhase.ENDED
+    assert [(item.product, item.outcome) for item in worker.run.items] == [("grape", LEFT_OUT), ("egg", "GRIPPED")]
+    assert worker.run.items[0].reason == "left out by Ada: TENDON_FAULT: index: no reply"
+    figures = worker.run.figures()
+    assert (figures.done, figures.total, figures.gripped, figures.quality) == (1, 1, 1, 1.0)
+    assert ("Ada", "leave_out", "grape", "done: item 1 of 2 is left out") in audited
+    assert [line[0] for line in audited if line[1] == "leave_out"] == ["Ada", "Ada", "Eve", "Bob", "Ada"]
+
+
+def test_leaving_the_last_product_out_ends_the_run(state: PanelState, clock: ManualClock) -> None:
+    worker = Worker(ActDesk(state, Calls(), ActRecord(None, lambda: 0.0)), WorkRun(clock))
+    answer = SimpleNamespace(swaps=0, predicted_time=4.0, expected_success=0.9, redundant_sets=[])
+    worker.run.plan([PlannedStep("grape", 1, "power", False, 0.9, 4.0)], answer)
+    worker.run.go_to(WorkPhase.PAUSED, "refused")
+    state.control.take_control(ADA)
+    assert worker.leave_out(ADA).success
+    assert worker.run.phase is WorkPhase.ENDED
+    assert math.isnan(worker.run.figures().quality)
+    assert not worker.leave_out(ADA).success
 
 
 def test_a_record_that_cannot_be_written_is_said_and_ends_nothing(state: PanelState) -> None:
