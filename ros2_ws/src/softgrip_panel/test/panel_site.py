@@ -112,6 +112,8 @@ class PretendedCell:
         product = act.call.request["product"]
         if product == HOSTILE:
             return ActResult(success=False, message=f"product '{product}' is not in the mix")
+        if product == "orange":
+            return ActResult(success=False, message="TENDON_FAULT: index: no reply", answer=act)
         cell = self.state.cell
         self.state.observe_cell(replace(cell, mode="GRASPING", product=product))
         self.state.grasps.observe_result(

@@ -119,6 +119,24 @@ def test_an_order_list_is_planned_run_and_counted(browser: PanelBrowser, site: R
     assert grasped[-3:] == ["egg", "egg", "grape"]
 
 
+def test_a_product_that_is_always_refused_is_left_out(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/work")
+    take_control(browser)
+    assert not browser.find("[data-name='work-leave-out']").is_displayed()
+    browser.find("#orders textarea").send_keys("orange 1\negg 1")
+    browser.press("plan")
+    browser.wait_for_text("#work-phase", "Planned")
+    browser.press("work-start")
+    browser.wait_for_text("#work-phase", "Paused")
+    browser.wait_for_text("[data-name='work-leave-out']", "Leave out orange")
+    browser.press("work-leave-out")
+    browser.wait_for_text("#items", "left out by Ada: TENDON_FAULT: index: no reply")
+    browser.press("work-start")
+    browser.wait_for_text("#work-phase", "Done")
+    assert browser.text("#work-done") == "1 / 1"
+    assert [(one["who"], one["success"]) for one in site.recorded() if one["act"] == "leave_out"] == [("Ada", True)]
+
+
 def test_a_users_own_finger_set_is_mounted_by_its_button(browser: PanelBrowser, site: RunningSite) -> None:
     browser.open("/swap")
     take_control(browser)

@@ -249,9 +249,7 @@ class Worker:
 
         def leave() -> str:
             if self.run.phase is not WorkPhase.PAUSED or number is None:
-                raise ActRefusedError(
-                    f"expected a run that is paused, found one that is {self.run.phase}; pause it first"
-                )
+                raise ActRefusedError(f"expected a run that is paused, found one that is {self.run.phase}")
             if self._task is not None and not self._task.done():
                 raise ActRefusedError("expected the last product to be done with, found it under way; wait for it")
             why = self.run.message
