@@ -518,7 +518,7 @@ def test_a_lock_that_is_no_running_swaps_own_is_an_alarm(
 
 def test_what_comes_and_goes_before_it_has_lasted_begins_at_nothing(clock: ManualClock) -> None:
     book = AlarmBook(clock)
-    fact = AlarmFact("here", "late", patience_s=3.0)
+    fact = AlarmFact("here", "late", must_last_s=3.0)
     for _ in range(5):
         book.observe("source", {"k": fact})
         clock.s += 2.0

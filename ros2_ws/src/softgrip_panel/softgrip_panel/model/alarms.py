@@ -42,7 +42,7 @@ class AlarmFact:
     """What is wrong now: where, what, why, and what to do.
 
     Attributes:
-        patience_s: it is an alarm once it has lasted so long, and a remark before [s]; infinite: never an alarm.
+        must_last_s: it is an alarm once it has lasted so long, and a remark before [s]; infinite: never an alarm.
     """
 
     source: str
@@ -50,7 +50,7 @@ class AlarmFact:
     level: AlarmLevel = AlarmLevel.ERROR
     cause: str = ""
     remedy: str = ""
-    patience_s: float = 0.0
+    must_last_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class AlarmBook:
         alarm = self._alarms.get(key)
         is_alarm = alarm is not None and alarm.stage is not AlarmStage.HEALED
         since_s = self._waiting.get(key, (fact, now_s))[1]
-        if is_alarm or now_s - since_s >= fact.patience_s:
+        if is_alarm or now_s - since_s >= fact.must_last_s:
             self._waiting.pop(key, None)
             return False
         if key in self._waiting or len(self._waiting) < MAX_ALARMS:

@@ -37,7 +37,7 @@ class _Warning:
     Attributes:
         node, component, text: "" = any; a component and a text begin so.
         cause, remedy: for the person at the page.
-        patience_s: it has to last so long before it is an alarm [s].
+        must_last_s: it has to last so long before it is an alarm [s].
     """
 
     node: str
@@ -45,13 +45,13 @@ class _Warning:
     text: str
     cause: str
     remedy: str
-    patience_s: float = 0.0
+    must_last_s: float = 0.0
 
 
 _WARNINGS: Final = (
     _Warning("", "executor", "callbacks were run",
              "the cell's computer is busy, or one task of this node takes long",
-             "end other programs on it; where it stays, look at this node's log", patience_s=5.0),
+             "end other programs on it; where it stays, look at this node's log", must_last_s=5.0),
     _Warning("", "executor", "a callback failed",
              "this node was sent something that it could not work with",
              "read its log; start the node again if it goes on, and report it with the log"),
@@ -62,13 +62,13 @@ _WARNINGS: Final = (
              "markers of this finger have been hidden, out of the picture or badly lit for some seconds",
              "take away what hides them; check light, focus, markers and the profile of the finger"),
     _Warning("marker_tracker", "frames", "no frame",
-             "the camera sends nothing", "look at the camera's own alarm, its plug and its log", patience_s=10.0),
+             "the camera sends nothing", "look at the camera's own alarm, its plug and its log", must_last_s=10.0),
     _Warning("marker_tracker", "calibration", "",
              "without a calibration no finger is measured", "page Set-up: find the lens, then each finger's plane"),
     _Warning("gdfe_simulator", "finger ", "",
              "the computer is too busy for the shapes asked for, or there is none for this pulled length",
              "nothing decides by this shape; ask for fewer hexahedra or a lower rate_hz, or home the tendons",
-             patience_s=10.0),
+             must_last_s=10.0),
     _Warning("kinematics_predictor", "finger ", "",
              "what the markers show and what the model predicts have parted over several closings",
              "do what it says; page Fingers shows by how much, page Swap mounts another finger"),
@@ -92,7 +92,7 @@ def explain_health(found: ComponentHealth) -> AlarmFact:
     if found.level == _ERROR:
         return AlarmFact(found.name, found.message, AlarmLevel.ERROR, known.cause, known.remedy)
     return AlarmFact(
-        found.name, found.message, AlarmLevel.WARNING, known.cause, known.remedy, patience_s=known.patience_s
+        found.name, found.message, AlarmLevel.WARNING, known.cause, known.remedy, must_last_s=known.must_last_s
     )
 
 
@@ -124,11 +124,11 @@ def explain_lock(safety: SafetyView, cell: CellView | None) -> tuple[str, AlarmF
         return "lock", AlarmFact("safety/state", title, AlarmLevel.WARNING, safety.lock_reason, remedy)
     if cell is not None and cell.mode == "SWAPPING" and HANDS_OUT not in cell.reason and RESTARTED not in cell.reason:
         return "lock/swap", AlarmFact(
-            "safety/state", title, AlarmLevel.WARNING, safety.lock_reason, patience_s=math.inf
+            "safety/state", title, AlarmLevel.WARNING, safety.lock_reason, must_last_s=math.inf
         )
     remedy = "a swap has ended in its midst: take the hands out of the cell, then say so on page Swap"
     return "lock", AlarmFact(
-        "safety/state", title, AlarmLevel.WARNING, safety.lock_reason, remedy, patience_s=LOCK_LASTS_S
+        "safety/state", title, AlarmLevel.WARNING, safety.lock_reason, remedy, must_last_s=LOCK_LASTS_S
     )
 
 
