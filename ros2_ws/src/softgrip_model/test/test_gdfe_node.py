@@ -12,7 +12,7 @@ from visualization_msgs.msg import Marker
 
 from softgrip_interfaces.msg import CellState, FrictionModel, MountedFinger, PredictedShape
 from softgrip_model.nodes.gdfe_simulator import GdfeSimulator
-from softgrip_nodekit import LATCHED, SENSOR, nanoseconds, to_time_message
+from softgrip_nodekit import LATCHED, SENSOR, Health, nanoseconds, to_time_message
 
 PERIOD_NS = 40_000_000
 
@@ -52,6 +52,9 @@ class Bench:
         self.spin(lambda: len(self.got) > before)
         return self.got[-1]
 
+    def health(self, component):
+        return self.node._diagnostics._components[component][:2]
+
     def close(self):
         self.executor.shutdown()
         self.node.destroy_node()
@@ -88,10 +91,18 @@ def test_the_same_state_gives_the_same_bits_whatever_came_before(bench):
     assert (first.residual, first.iterations, first.mesh) == (again.residual, again.iterations, again.mesh)
 
 
+def test_a_slack_finger_is_shown_at_rest_and_nothing_is_wrong_with_it(bench):
+    for k in range(40):  # at the rate that is asked for
+        shape = bench.pull(3_500_000_000 + k * 29_000_000, -0.001)
+    assert shape.reason == "cable slack: shown at rest"
+    assert bench.health("finger index") == (Health.OK, shape.reason)
+
+
 def test_beyond_the_travel_the_last_converged_shape_is_marked(bench):
-    shape = bench.pull(4_000_000_000, 0.012)
+    shape = bench.pull(4_800_000_000, 0.012)
     assert not shape.converged
     assert "8.00 mm" in shape.reason
+    assert bench.health("finger index") == (Health.WARN, shape.reason)
 
 
 def test_a_swap_shows_the_mounted_profile(bench):

@@ -58,6 +58,8 @@ from softgrip_panel.web.server import WebServer, listen
 from softgrip_panel.web.site import PanelSite
 
 SLOTS = ("index", "middle", "thumb")
+#: Of every product, by finger set; the last set is a user's own (docs/how-to/own-finger.md).
+MARKS = {"power": "success", "pinch": "", "hook": "failure", "my_pinch": "success"}
 #: A name that an attacker would give a product.
 HOSTILE = "<img src=x onerror=window.hacked=1>"
 
@@ -93,6 +95,10 @@ class PretendedCell:
     def cancel(self, act_name: str) -> None:
         with self._file.open("a") as out:
             out.write(json.dumps({"act": f"cancel {act_name}"}) + "\n")
+        if act_name == "swap":
+            with self.state.locked() as state:
+                state.swap.end(success=False, message="CANCELLED: ended at the page")
+                state.observe_cell(replace(state.cell, mode="IDLE"))
 
     def _estop(self, act: Act, who: str) -> ActResult:
         self.state.observe_safety(SafetyView(estop=True, estop_reason="asked for through the service estop"))
@@ -314,8 +320,7 @@ def make_site(folder: Path, port: int) -> PanelSite:
     )  # fmt: skip
     state.fingers += (replace(state.fingers[0], serial=HOSTILE, profile=HOSTILE, state="store", objection=HOSTILE),)
     state.catalogue = tuple(
-        ProductView(name, name, "power", 0.06, {"power": "success"}, {"power": 0.9}, {"power": 3})
-        for name in state.products
+        ProductView(name, name, "power", 0.06, MARKS, {"power": 0.9}, {"power": 3}) for name in state.products
     )
     (folder / "bags" / "softgrip_20261125").mkdir(parents=True, exist_ok=True)
     (folder / "bags" / HOSTILE).mkdir(exist_ok=True)

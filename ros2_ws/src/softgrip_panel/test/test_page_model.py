@@ -12,6 +12,7 @@ import math
 import random
 import struct
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -29,8 +30,19 @@ from softgrip_panel.model.alarms import AlarmBook, AlarmFact, AlarmStage
 from softgrip_panel.model.bags import BagFolder
 from softgrip_panel.model.control import LOST_S, ControlDesk
 from softgrip_panel.model.desk import MAX_STRANGERS, STRANGERS_S, ActDesk
-from softgrip_panel.model.explain import explain_reset, explain_stop
-from softgrip_panel.model.facts import CellView, CountedView, SafetyView, StopPolicyView, TendonView, TensionView
+from softgrip_panel.model.explain import explain_reset, explain_residual, explain_stop
+from softgrip_panel.model.facts import (
+    CellView,
+    ComponentHealth,
+    CountedView,
+    MountedView,
+    ProductView,
+    ResidualView,
+    SafetyView,
+    StopPolicyView,
+    TendonView,
+    TensionView,
+)
 from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
 from softgrip_panel.model.grasps import MAX_GRASPS, MAX_PICTURED, GraspRecord
 from softgrip_panel.model.orders import OrderLine, read_orders
@@ -38,7 +50,7 @@ from softgrip_panel.model.records import GraspFilter, export_csv, grasp_rows
 from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import SILENCE_S, PanelState
 from softgrip_panel.model.swap import SwapPhase, SwapProgress
-from softgrip_panel.model.work import PlannedStep, Worker, WorkOptions, WorkPhase, WorkRun
+from softgrip_panel.model.work import LEFT_OUT, PlannedStep, Worker, WorkOptions, WorkPhase, WorkRun
 from softgrip_testing.manual_clock import ManualClock
 
 ADA = Person("a", "Ada", Role.OPERATE)
@@ -263,6 +275,70 @@ def test_a_run_is_begun_by_who_has_control_and_ended_by_who_operates(state: Pane
     assert ("Eve pause_run", "refused: expected the role operate, found look; log in as one who may") in audited
 
 
+class RefusingCalls(Calls):
+    """A cell that grasps everything but grapes."""
+
+    async def call(self, act: Act, who: str) -> ActResult:
+        await super().call(act, who)
+        if act.name != "grasp":
+            return ActResult(success=True, message="done")
+        if act.subject == "grape":
+            return ActResult(success=False, message="TENDON_FAULT: index: no reply", answer=act)
+        return ActResult(success=True, message="GRIPPED: both sides press", answer=act)
+
+
+def test_a_product_that_is_always_refused_is_left_out_by_who_has_control(state: PanelState, clock: ManualClock) -> None:
+    desk = ActDesk(state, RefusingCalls(), ActRecord(None, lambda: 0.0))
+    audited: list[tuple[str, str, str, str]] = []
+    desk.on_done = lambda *line: audited.append(line)
+    worker = Worker(desk, WorkRun(clock))
+    answer = SimpleNamespace(swaps=0, predicted_time=8.0, expected_success=0.9, redundant_sets=[])
+    steps = [PlannedStep("grape", 1, "power", False, 0.9, 4.0), PlannedStep("egg", 1, "power", False, 0.9, 4.0)]
+    worker.run.plan(steps, answer)
+    mounted = (MountedView("index", "A", "power", "verified"),)
+    state.observe_cell(CellView("IDLE", "power", mounted))
+
+    async def until_it_rests() -> None:
+        for _ in range(100):
+            await asyncio.sleep(0)
+
+    async def play() -> list[bool]:
+        state.control.take_control(ADA)
+        before = worker.leave_out(ADA).success  # nothing is paused yet
+        worker.start(ADA, WorkOptions())
+        in_run = worker.leave_out(ADA).success
+        await until_it_rests()
+        assert worker.run.phase is WorkPhase.PAUSED
+        worker.start(ADA, WorkOptions())  # it is refused as often as it is tried
+        await until_it_rests()
+        assert worker.run.next_number == 0
+        left = [worker.leave_out(one).success for one in (EVE, BOB, ADA)]
+        worker.start(ADA, WorkOptions())
+        await until_it_rests()
+        return [before, in_run, *left]
+
+    assert asyncio.run(play()) == [False, False, False, False, True]
+    assert worker.run.phase is WorkPhase.ENDED
+    assert [(item.product, item.outcome) for item in worker.run.items] == [("grape", LEFT_OUT), ("egg", "GRIPPED")]
+    assert worker.run.items[0].reason == "left out by Ada: TENDON_FAULT: index: no reply"
+    figures = worker.run.figures()
+    assert (figures.done, figures.total, figures.gripped, figures.quality) == (1, 1, 1, 1.0)
+    assert ("Ada", "leave_out", "grape", "done: item 1 of 2 is left out") in audited
+    assert [line[0] for line in audited if line[1] == "leave_out"] == ["Ada", "Ada", "Eve", "Bob", "Ada"]
+
+
+def test_leaving_the_last_product_out_ends_the_run(state: PanelState, clock: ManualClock) -> None:
+    worker = Worker(ActDesk(state, Calls(), ActRecord(None, lambda: 0.0)), WorkRun(clock))
+    answer = SimpleNamespace(swaps=0, predicted_time=4.0, expected_success=0.9, redundant_sets=[])
+    worker.run.plan([PlannedStep("grape", 1, "power", False, 0.9, 4.0)], answer)
+    worker.run.go_to(WorkPhase.PAUSED, "refused")
+    state.control.take_control(ADA)
+    assert worker.leave_out(ADA).success
+    assert worker.run.phase is WorkPhase.ENDED
+    assert math.isnan(worker.run.figures().quality)
+    assert not worker.leave_out(ADA).success
+
+
 def test_a_record_that_cannot_be_written_is_said_and_ends_nothing(state: PanelState) -> None:
     record = ActRecord(Path("/dev/null/acts.jsonl"), lambda: 0.0)
     assert run(ActDesk(state, Calls(), record), EVE, acts.estop()).success
@@ -339,6 +415,154 @@ def test_a_silent_driver_is_an_alarm(state: PanelState, clock: ManualClock) -> N
     state.advance()
     assert state.is_stale
     assert "silent" in state.alarms.active[0].fact.title
+
+
+SWAP_LOCK = SafetyView(locked=True, lock_owner="grasp_mix_manager: swap to 'power'", lock_reason="swap to 'power'")
+
+
+def said(name: str, message: str, level: int = 1) -> ComponentHealth:
+    return ComponentHealth(name, level, message)
+
+
+def play(state: PanelState, clock: ManualClock, seconds: float, *statuses: ComponentHealth) -> None:
+    """Let time pass with /diagnostics once a second and the panel's ticks between."""
+    for _ in range(round(10 * seconds)):
+        if round(10 * clock.s) % 10 == 0:
+            state.observe_health(statuses)
+        state.observe_tendons([TendonView("index", "HOLDING", homed=True)])
+        clock.s = round(clock.s + 0.1, 1)
+        state.advance()
+
+
+def test_a_healthy_shift_has_no_alarm_to_acknowledge(state: PanelState, clock: ManualClock) -> None:
+    """What an emulated cell says from its start through a swap to a grasp."""
+    frames, late = "c/marker_tracker: frames", "c/tendon_driver: executor"
+    state.observe_cell(CellView("IDLE", "power"))
+    state.observe_safety(SafetyView())
+    play(state, clock, 4.0, said(frames, "no frame yet; is the camera running?"))
+    play(state, clock, 2.0, said(frames, "measured", 0), said(late, "callbacks were run 1.4 s late"))
+    play(state, clock, 2.0, said(late, "", 0))
+    state.observe_safety(SWAP_LOCK)  # before the cell says that it swaps
+    play(state, clock, 0.5)
+    state.observe_cell(CellView("SWAPPING", "power"))
+    play(state, clock, 250.0, said("c/gdfe_simulator: finger index", "cable slack: shown at rest", 0))
+    assert [one.title for one in state.alarms.remarks] == ["drives locked by grasp_mix_manager: swap to 'power'"]
+    state.observe_safety(SafetyView())
+    state.observe_cell(CellView("IDLE", "power"))
+    play(state, clock, 5.0, said("c/gdfe_simulator: finger index", "4.0 Hz instead of 10 Hz: states come more slowly"))
+    play(state, clock, 5.0, said("c/gdfe_simulator: finger index", "1200 hexahedra at 10 Hz", 0))
+    assert state.alarms.active == ()
+    assert state.alarms.remarks == ()
+
+
+LASTING = {
+    "a node that is always late": said("c/camera: executor", "callbacks were run 2.0 s late; see what takes so long"),
+    "a callback that failed": said("c/camera: executor", "a callback failed, see the log: ValueError"),
+    "markers that the tracker has lost": said("c/marker_tracker: finger index", "index: tip not seen"),
+    "no frame at all": said("c/marker_tracker: frames", "no frame yet; is the camera running?"),
+    "shapes that stay coarse": said("c/gdfe_simulator: finger index", "coarser mesh"),
+    "a node that is gone": said("c/grasp_mix_manager: node /c/camera", "gone: ended"),
+    "an input that is gone": said("c/kinematics_predictor: input tendon/state", "gone: ended"),
+    "a finger that is worn": said("c/kinematics_predictor: finger index", "friction +20 %: swap it"),
+}
+
+
+@pytest.mark.parametrize("status", LASTING.values(), ids=list(LASTING))
+def test_what_lasts_is_an_alarm_with_cause_and_remedy(
+    status: ComponentHealth, state: PanelState, clock: ManualClock
+) -> None:
+    play(state, clock, 12.0, status)
+    (alarm,) = state.alarms.active
+    assert alarm.fact.title == status.message
+    assert alarm.fact.cause
+    assert alarm.fact.remedy
+    assert state.alarms.remarks == ()
+
+
+def test_an_error_waits_for_nothing(state: PanelState) -> None:
+    for name in ("c/tendon_driver: bus", "c/marker_tracker: frames", "c/gdfe_simulator: finger index"):
+        state.observe_health([said(name, "no frame: lost", 2)])
+    assert len(state.alarms.active) == 3
+
+
+BOBS_LOCK = SafetyView(locked=True, lock_owner="Bob", lock_reason="hands inside")
+
+
+@pytest.mark.parametrize(
+    ("lock", "cell", "after_s"),
+    [
+        (BOBS_LOCK, CellView("SWAPPING"), 0.0),
+        (BOBS_LOCK, CellView("IDLE"), 0.0),
+        (SWAP_LOCK, CellView("IDLE"), 1.0),
+        (SWAP_LOCK, CellView("SWAPPING", reason="FAILED at remove; confirm hands_out"), 1.0),  # hands may be inside
+        (SWAP_LOCK, CellView("SWAPPING", reason="restarted during swap"), 1.0),
+        (SWAP_LOCK, CellView("FAULT"), 1.0),
+        (SWAP_LOCK, None, 1.0),
+    ],
+    ids=["another's in a swap", "another's", "no swap's", "an ended swap's", "a lost swap's", "fault", "no manager"],
+)
+def test_a_lock_that_is_no_running_swaps_own_is_an_alarm(
+    lock: SafetyView, cell: CellView | None, after_s: float, state: PanelState, clock: ManualClock
+) -> None:
+    if cell is not None:
+        state.observe_cell(cell)
+    state.observe_safety(lock)
+    clock.s += after_s
+    state.observe_tendons([])
+    state.advance()
+    (alarm,) = state.alarms.active
+    assert lock.lock_owner in alarm.fact.title
+    assert alarm.fact.cause == lock.lock_reason
+    assert alarm.fact.remedy
+
+
+def test_what_comes_and_goes_before_it_has_lasted_begins_at_nothing(clock: ManualClock) -> None:
+    book = AlarmBook(clock)
+    fact = AlarmFact("here", "late", patience_s=3.0)
+    for _ in range(5):
+        book.observe("source", {"k": fact})
+        clock.s += 2.0
+        book.advance()
+        book.observe("source", {})
+    assert book.active == ()
+    book.observe("source", {"k": fact})
+    clock.s += 3.0
+    book.advance()  # the source need not say it twice
+    assert [alarm.key for alarm in book.active] == ["k"]
+
+
+# --- verdicts of fingers
+
+
+@pytest.mark.parametrize(
+    ("verdict", "reason", "mode", "said_of_it"),
+    [
+        ("OK", "learning the baseline: closing 1 of 5", "HOLDING", ("fingers.not_judged", False)),
+        ("OK", "", "HOLDING", ("fingers.not_judged", False)),
+        ("OK", "", "GRASPING", ("fingers.not_judged", False)),
+        ("OK", "learning the baseline: closing 1 of 5", "IDLE", ("fingers.learning", False)),
+        ("UNSET", "", "IDLE", ("fingers.learning", False)),
+        ("OK", "", "IDLE", ("", True)),
+        ("WORN", "friction +60 %", "HOLDING", ("", False)),  # what wants an act is said at all times
+        ("RECALIBRATE", "friction +20 %", "IDLE", ("", False)),
+    ],
+)
+def test_a_finger_is_good_only_when_it_was_judged(
+    verdict: str, reason: str, mode: str, said_of_it: tuple[str, bool]
+) -> None:
+    residual = ResidualView("index", 0.030, 31.0, 0.0, 0.0, verdict, reason)
+    assert explain_residual(residual, CellView(mode)) == said_of_it
+
+
+# --- finger sets
+
+
+def test_the_sets_to_swap_to_are_the_catalogues_a_users_own_too(state: PanelState) -> None:
+    assert state.finger_sets == ()
+    marks = {"power": "success", "pinch": "", "hook": "failure"}
+    egg = ProductView("egg", "egg", "power", 0.06, marks, {}, {})
+    state.catalogue = (egg, replace(egg, id="nut", table_marks={**marks, "my_pinch": "success"}))
+    assert state.finger_sets == ("power", "pinch", "hook", "my_pinch")
 
 
 # --- explanations

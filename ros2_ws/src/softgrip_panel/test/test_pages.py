@@ -76,6 +76,10 @@ def test_a_grasp_by_clicks_and_what_is_kept_of_it(browser: PanelBrowser, site: R
     assert "What is held falls" in browser.text("#release-hint")
     browser.press("hold")
     browser.wait_for_text("#mode", "Holding")
+    browser.open("/fingers")
+    browser.wait_for_text("#residuals", "not judged while holding")
+    assert browser.script("return document.querySelectorAll('#residuals .good').length") == 0
+    browser.open("/")
     browser.wait_for_text("#count-gripped", "1")
     browser.press("release")
     browser.wait_for_text("#mode", "Idle")
@@ -91,6 +95,8 @@ def test_a_grasp_by_clicks_and_what_is_kept_of_it(browser: PanelBrowser, site: R
     browser.wait(lambda: len(browser.script(export).splitlines()) == 1, "an export by the filter")
     browser.open("/fingers")
     browser.wait_for_text("#contacts", "at the last verdict: BLOCKED")
+    browser.wait(lambda: "not judged" not in browser.text("#residuals"), "a verdict of an empty finger")
+    assert browser.script("return document.querySelectorAll('#residuals .good').length") == 0  # it learns
 
 
 def test_an_order_list_is_planned_run_and_counted(browser: PanelBrowser, site: RunningSite) -> None:
@@ -111,6 +117,18 @@ def test_an_order_list_is_planned_run_and_counted(browser: PanelBrowser, site: R
     assert browser.text("#work-gripped") == "3"
     grasped = [one["request"]["product"] for one in site.calls() if one["act"] == "grasp"]
     assert grasped[-3:] == ["egg", "egg", "grape"]
+
+
+def test_a_users_own_finger_set_is_mounted_by_its_button(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/swap")
+    take_control(browser)
+    browser.press("swap-my_pinch")
+    browser.wait_for_text("#instruction", "Open the palm.")
+    swaps = [one["request"]["finger_set"] for one in site.calls() if one["act"] == "swap"]
+    assert swaps == ["my_pinch"]
+    assert len(browser.script("return [...document.querySelectorAll('.drawing .slot')]")) == len(("i", "m", "t"))
+    browser.press("swap-cancel")
+    browser.wait_for_text("#instruction", "CANCELLED")
 
 
 def test_a_swap_survives_reload_and_a_second_browser_and_takes_scanned_serials(

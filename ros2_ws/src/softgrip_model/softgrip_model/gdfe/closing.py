@@ -35,6 +35,8 @@ Index = NDArray[np.uint32]
 
 #: Volume term of the interactive fingers: nearer to 0.5 costs many more iterations, as a Laplacian conditions it badly.
 POISSON = 0.3
+#: Why a finger that nobody pulls is shown undeformed: nothing is wrong with it.
+AT_REST = "cable slack: shown at rest"
 #: [mm] of cable length, everywhere in this module.
 LENGTH_TOLERANCE_MM = 1e-3
 #: Of the acceleration, and the iterations after which the cross-sections answer, too: a shape that starts near another
@@ -461,7 +463,7 @@ class ClosingPath:
         pulled_mm = 1e3 * pulled_length_m
         reason = ""
         if not pulled_mm > 0.0:
-            pulled_mm, reason = 0.0, "cable slack: shown at rest"
+            pulled_mm, reason = 0.0, AT_REST
         known = self.keyframes
         known.cover(pulled_mm)
         if not known.within_reach(pulled_mm):

@@ -25,7 +25,7 @@ from visualization_msgs.msg import Marker
 from softgrip_interfaces.msg import CellState, FrictionModel, PredictedShape
 from softgrip_model.finger import FingerError
 from softgrip_model.friction.errors import FrictionError
-from softgrip_model.gdfe.closing import ClosingSettings
+from softgrip_model.gdfe.closing import AT_REST, ClosingSettings
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
 from softgrip_model.gdfe.session import ShapeSession
@@ -124,7 +124,7 @@ class GdfeSimulator(CellNode):
             self._shapes.publish(convert.shape_message(message.header.stamp, shown, self._frame_prefix))
             if shown.marker_due:
                 self._markers.publish(convert.marker_message(message.header.stamp, shown, self._frame_prefix))
-            health = Health.WARN if shown.reason else Health.OK
+            health = Health.OK if shown.reason in {"", AT_REST} else Health.WARN
             text = shown.reason or f"{shown.hexahedra} hexahedra at {shown.rate_hz:.0f} Hz"
             behind = to_s(self.get_clock().now().nanoseconds - nanoseconds(message.header.stamp))
             values = {"solve_time_s": f"{shown.shape.solve_time:.4f}", "behind_state_s": f"{behind:.3f}"}

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The life of an alarm: raised, confirmed once it has lasted, healed once it is gone, acknowledged by a person.
 
+What has to last before it matters is a remark until then: shown, and nobody has to acknowledge it.
 One that is healed and acknowledged is over and goes into the history; one that comes back before is the same alarm.
 """
 
@@ -38,13 +39,18 @@ class AlarmStage(StrEnum):
 
 @dataclass(frozen=True)
 class AlarmFact:
-    """What is wrong now: where, what, why, and what to do."""
+    """What is wrong now: where, what, why, and what to do.
+
+    Attributes:
+        patience_s: it is an alarm once it has lasted so long, and a remark before [s]; infinite: never an alarm.
+    """
 
     source: str
     title: str
     level: AlarmLevel = AlarmLevel.ERROR
     cause: str = ""
     remedy: str = ""
+    patience_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -69,6 +75,7 @@ class AlarmBook:
     def __init__(self, now_s: Callable[[], float]) -> None:
         self._now_s = now_s
         self._alarms: dict[str, Alarm] = {}
+        self._waiting: dict[str, tuple[AlarmFact, float]] = {}  # with the time since which it is so
         self._gone_s: dict[str, float] = {}
         self._since_s: dict[str, float] = {}
         self._by_source: dict[str, set[str]] = {}
@@ -90,6 +97,11 @@ class AlarmBook:
         """What is over, newest first."""
         return tuple(reversed(self._history))
 
+    @property
+    def remarks(self) -> tuple[AlarmFact, ...]:
+        """What is said and is no alarm: it has not lasted long enough, or is as it should be."""
+        return tuple(fact for fact, _ in list(self._waiting.values()))
+
     def observe(self, source: str, facts: Mapping[str, AlarmFact]) -> None:
         """Take all that is wrong at one source now; what it named before and does not name now is gone.
 
@@ -99,10 +111,14 @@ class AlarmBook:
         """
         now_s = self._now_s()
         for key, fact in facts.items():
+            if self._has_to_last(key, fact, now_s):
+                continue
             self._gone_s.pop(key, None)
             self._raise(key, fact, now_s)
         for key in self._by_source.get(source, set()) - facts.keys():
-            self._gone_s.setdefault(key, now_s)
+            self._waiting.pop(key, None)
+            if key in self._alarms:
+                self._gone_s.setdefault(key, now_s)
         self._by_source[source] = set(facts) | {
             key for key in self._by_source.get(source, set()) if key in self._alarms
         }
@@ -110,6 +126,10 @@ class AlarmBook:
     def advance(self) -> None:
         """Let time pass: confirm what has lasted, heal what is gone, close what is healed and acknowledged."""
         now_s = self._now_s()
+        for key, (fact, _) in list(self._waiting.items()):
+            if not self._has_to_last(key, fact, now_s):
+                self._gone_s.pop(key, None)
+                self._raise(key, fact, now_s)
         for key, alarm in list(self._alarms.items()):
             gone_s = self._gone_s.get(key)
             if gone_s is not None and alarm.stage is not AlarmStage.HEALED and now_s - gone_s >= HEAL_S:
@@ -131,6 +151,18 @@ class AlarmBook:
             raise ActRefusedError(f"alarm '{alarm.fact.title}': {alarm.acknowledged_by} has acknowledged it before")
         self._alarms[key] = replace(alarm, acknowledged_by=who)
         self._close_if_over(key)
+
+    def _has_to_last(self, key: str, fact: AlarmFact, now_s: float) -> bool:
+        """Whether a fact is a remark still; one that is an alarm already, and not healed, is none again."""
+        alarm = self._alarms.get(key)
+        is_alarm = alarm is not None and alarm.stage is not AlarmStage.HEALED
+        since_s = self._waiting.get(key, (fact, now_s))[1]
+        if is_alarm or now_s - since_s >= fact.patience_s:
+            self._waiting.pop(key, None)
+            return False
+        if key in self._waiting or len(self._waiting) < MAX_ALARMS:
+            self._waiting[key] = (fact, since_s)
+        return True
 
     def _raise(self, key: str, fact: AlarmFact, now_s: float) -> None:
         alarm = self._alarms.get(key)

@@ -11,9 +11,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from softgrip_driver.faults import FAULTS
-from softgrip_panel.model.alarms import AlarmBook, AlarmFact, AlarmLevel
+from softgrip_panel.model.alarms import AlarmBook, AlarmFact
 from softgrip_panel.model.bench import BenchView
 from softgrip_panel.model.control import ControlDesk
+from softgrip_panel.model.explain import explain_health, explain_lock
 from softgrip_panel.model.facts import (
     CellView,
     ComponentHealth,
@@ -112,6 +113,7 @@ class PanelState:
             if cell.fault and not any(tendon.fault for tendon in self.tendons):
                 facts["cell/fault"] = AlarmFact("cell/state", cell.fault, cause=cell.reason)
             self.alarms.observe("cell/state", facts)
+            self._observe_lock()
 
     def observe_safety(self, safety: SafetyView) -> None:
         """Take safety/state."""
@@ -121,10 +123,16 @@ class PanelState:
             facts = {}
             if safety.estop:
                 facts["estop"] = AlarmFact("safety/state", row.meaning, cause=safety.estop_reason, remedy=row.remedy)
-            if safety.locked:
-                title = f"drives locked by {safety.lock_owner}"
-                facts["lock"] = AlarmFact("safety/state", title, AlarmLevel.WARNING, cause=safety.lock_reason)
             self.alarms.observe("safety/state", facts)
+            self._observe_lock()
+
+    def _observe_lock(self) -> None:
+        """Whose lock it is, is known by safety/state and cell/state together."""
+        facts = {}
+        if self.safety is not None and self.safety.locked:
+            key, fact = explain_lock(self.safety, self.cell)
+            facts[key] = fact
+        self.alarms.observe("lock", facts)
 
     def observe_tendons(self, tendons: Sequence[TendonView]) -> None:
         """Take tendon/status; the fault table of the driver says what a fault means and what to do."""
@@ -140,13 +148,7 @@ class PanelState:
             for status in statuses:
                 self._health[status.name] = status
             self._observe_bench(statuses)
-            facts = {
-                f"health/{one.name}": AlarmFact(
-                    one.name, one.message, AlarmLevel.ERROR if one.level == 2 else AlarmLevel.WARNING
-                )
-                for one in self._health.values()
-                if one.level in (1, 2)
-            }
+            facts = {f"health/{one.name}": explain_health(one) for one in self._health.values() if one.level in (1, 2)}
             self.alarms.observe("/diagnostics", facts)
 
     def _observe_bench(self, statuses: Sequence[ComponentHealth]) -> None:
@@ -184,6 +186,11 @@ class PanelState:
                 )
                 self.alarms.observe("silence", {"silence": fact})
             self.alarms.advance()
+
+    @property
+    def finger_sets(self) -> tuple[str, ...]:
+        """Every finger set of the cell's catalogue, a user's own too, in its order; empty while it is not known."""
+        return tuple(dict.fromkeys(name for product in self.catalogue for name in product.table_marks))
 
     @property
     def is_stale(self) -> bool:

@@ -19,6 +19,8 @@ from softgrip_panel.model.roles import Person
 
 #: Between looks whether the run goes on [s].
 _POLL_S: Final = 0.1
+#: Outcome of an item that a person left out: it was not tried to its end, so no figure counts it.
+LEFT_OUT: Final = "LEFT_OUT"
 #: An order list holds at most so many grasps.
 MAX_ITEMS: Final = 5000
 
@@ -73,7 +75,8 @@ class WorkFigures:
     """Figures of the run; NaN where nothing has been done yet.
 
     Attributes:
-        done, gripped: counts.
+        done, gripped: counts, without what was left out.
+        total: of the list, without what was left out.
         rate_per_h: done / time running.
         availability: time not paused / time since the start.
         performance: predicted time of what is done / time running.
@@ -148,13 +151,14 @@ class WorkRun:
     def figures(self) -> WorkFigures:
         """Return the figures now."""
         self._count(self.now_s())
-        done = [item for item in self.items if item.outcome]
+        kept = [item for item in self.items if item.outcome != LEFT_OUT]
+        done = [item for item in kept if item.outcome]
         gripped = sum(item.outcome == "GRIPPED" for item in done)
         predicted_s = sum(item.predicted_time_s for item in done)
         span_s = self.running_s + self.paused_s
         return WorkFigures(
             done=len(done),
-            total=len(self.items),
+            total=len(kept),
             gripped=gripped,
             rate_per_h=_share(3600.0 * len(done), self.running_s),
             availability=_share(self.running_s, span_s),
@@ -237,6 +241,26 @@ class Worker:
             return "begins nothing new"
 
         return self._desk.carry_out(person, "pause_run", "", pause, needs_control=False)
+
+    def leave_out(self, person: Person) -> ActResult:
+        """Take the next item as one that is not to be grasped, as where it is refused whenever it is tried."""
+        number = self.run.next_number
+        product = "" if number is None else self.run.items[number].product
+
+        def leave() -> str:
+            if self.run.phase is not WorkPhase.PAUSED or number is None:
+                raise ActRefusedError(
+                    f"expected a run that is paused, found one that is {self.run.phase}; pause it first"
+                )
+            if self._task is not None and not self._task.done():
+                raise ActRefusedError("expected the last product to be done with, found it under way; wait for it")
+            why = self.run.message
+            self.run.finish(number, LEFT_OUT, f"left out by {person.name}{': ' if why else ''}{why}", 0.0)
+            ended = self.run.next_number is None
+            self.run.go_to(WorkPhase.ENDED if ended else WorkPhase.PAUSED)
+            return f"item {number + 1} of {len(self.run.items)} is left out"
+
+        return self._desk.carry_out(person, "leave_out", product, leave, needs_control=True)
 
     async def _work(self, person: Person, options: WorkOptions) -> None:
         while self.run.phase is WorkPhase.RUNNING:

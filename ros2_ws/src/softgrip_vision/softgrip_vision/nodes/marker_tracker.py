@@ -46,6 +46,7 @@ from softgrip_vision.encoded_image import decode, image_size, thumbnail, thumbna
 from softgrip_vision.errors import VisionError
 from softgrip_vision.frame import CameraFrame
 from softgrip_vision.layout import FingerSetup, parse_region, read_chains
+from softgrip_vision.loss_watch import LossWatch
 from softgrip_vision.nodes import convert
 from softgrip_vision.options import TrackerOptions
 from softgrip_vision.overlay import draw
@@ -152,6 +153,7 @@ class MarkerTrackerNode(CellNode):
         else:
             self.create_subscription(CompressedImage, driver, self._on_compressed, SENSOR)
         self._frames = self._skipped = 0
+        self._losses = LossWatch()
         self._still = StillWatch(self._values["rest_period_s"])
         self._follower = CellFollower(self, "frames", FRAME_LAG_S)
         # a search of a large picture is long
@@ -262,18 +264,20 @@ class MarkerTrackerNode(CellNode):
         self._frames += 1
         if self._values["overlay"]:
             self._publish_overlay(image, readings, header)
-        self._report(readings, time.perf_counter() - start)
+        self._report(readings, seconds(header.stamp), time.perf_counter() - start)
 
     def _publish_overlay(self, image: colour.Image, readings: Sequence[FingerReading], header: Header) -> None:
         drawn = draw(image, readings)
         frame = CameraFrame(0, drawn.shape[1], drawn.shape[0], image=drawn)
         self._overlay.publish(convert.to_compressed_message(frame, 80, header))
 
-    def _report(self, readings: Sequence[FingerReading], duration: float) -> None:
+    def _report(self, readings: Sequence[FingerReading], stamp_s: float, duration: float) -> None:
         values = {"frames": self._frames, "the same again": self._skipped, "last_duration_s": f"{duration:.4f}"}
         self._diagnostics.set("frames", Health.OK, "measured", values)
         for reading in readings:
-            health = Health.OK if reading.pose is not None else Health.WARN
+            # each grasp hides markers for a moment: that is said, and is nothing to warn of
+            is_lost = self._losses.is_lasting(reading.finger, stamp_s, is_measured=reading.pose is not None)
+            health = Health.WARN if is_lost else Health.OK
             hidden = [marker.name for marker in reading.markers if marker.occluded]
             values = {
                 "profile": reading.profile,

@@ -191,6 +191,15 @@ def _alarms(page: Page) -> None:
                 _alarm(page, alarm)
 
         page.shown.parts(holder, lambda: page.state.alarms.active[:20], write)
+        remarks = element("div", id="remarks")
+
+        def write_remarks(titles: tuple[str, ...]) -> None:
+            if titles:
+                text_element("p", page.t("alarms.remarks"), "note")
+            for title in titles:
+                text_element("p", title, "note")
+
+        page.shown.parts(remarks, lambda: _remarks(page), write_remarks)
         with element("details"):
             text_element("summary", page.t("alarms.history"))
             over = element("ul")
@@ -201,6 +210,10 @@ def _alarms(page: Page) -> None:
                     text_element("li", text + page.t("alarms.acknowledged", name=alarm.acknowledged_by))
 
             page.shown.parts(over, lambda: page.state.alarms.history[:20], write_over)
+
+
+def _remarks(page: Page) -> tuple[str, ...]:
+    return tuple(f"{one.source}: {one.title}" for one in page.state.alarms.remarks)[:10]
 
 
 def _alarm(page: Page, alarm: Alarm) -> None:

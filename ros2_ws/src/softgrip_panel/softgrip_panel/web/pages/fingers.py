@@ -8,6 +8,7 @@ import math
 
 from nicegui import ui
 
+from softgrip_panel.model.explain import explain_residual
 from softgrip_panel.model.facts import FingerView, ResidualView
 from softgrip_panel.web.parts import card, fill, table, verdict_cell
 from softgrip_panel.web.shell import Page, element, text_element
@@ -59,17 +60,18 @@ def _residuals(page: Page) -> None:
             "fingers.verdict",
         )
 
-        def rows() -> tuple[ResidualView, ...]:
-            return tuple(page.state.residuals[name] for name in sorted(page.state.residuals))
+        def rows() -> tuple[tuple[ResidualView, str, bool], ...]:
+            found = [page.state.residuals[name] for name in sorted(page.state.residuals)]
+            return tuple((one, *explain_residual(one, page.state.cell)) for one in found)
 
-        def write(found: tuple[ResidualView, ...]) -> None:
-            for one in found:
+        def write(found: tuple[tuple[ResidualView, str, bool], ...]) -> None:
+            for one, said, is_good in found:
                 with element("tr"):
                     text_element("th", one.finger, scope="row")
                     text_element("td", f"{1e3 * one.tip_error_m:.1f} mm ({one.tip_error_percent:.1f} %)")
                     text_element("td", f"{one.cusum_friction:.1f}")
                     text_element("td", f"{one.cusum_stiffness:.1f}")
-                    verdict_cell(one.verdict, one.reason, is_good=one.verdict == "OK")
+                    verdict_cell(page.t(said) if said else one.verdict, one.reason, is_good=is_good)
 
         page.shown.parts(body, rows, write)
 

@@ -6,7 +6,8 @@ from __future__ import annotations
 import functools
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from nicegui import ui
 
@@ -18,7 +19,8 @@ from softgrip_panel.web.drawings import swap_drawing
 from softgrip_panel.web.parts import card
 from softgrip_panel.web.shell import Page, element, text_element
 
-SETS = ("power", "pinch", "hook")
+#: Drawn while the cell has not said how many it has.
+USUAL_SLOTS = 3
 #: Where the emulated hands do what the step asks for.
 EMULATED_STEPS = frozenset({"remove", "insert"})
 
@@ -54,11 +56,12 @@ def _now(page: Page) -> None:
         shown.text(instruction, lambda: _instruction(page))
         holder = element("div", classes="drawing")
 
-        def draw(step: str) -> None:
+        def draw(now: tuple[str, int]) -> None:
+            step, slots = now
             if step:
-                ui.html(swap_drawing(step, page.t(f"step.{step}")), sanitize=False)
+                ui.html(swap_drawing(step, page.t(f"step.{step}"), slots), sanitize=False)
 
-        shown.parts(holder, lambda: _step(page), draw)
+        shown.parts(holder, lambda: (_step(page), len(_slots(page)) or USUAL_SLOTS), draw)
         clock = shown.text(text_element("p", "", "clock", id="swap-clock", role="timer"), lambda: _clock(page))
         shown.state(clock, lambda: "late" if _view(page).elapsed_s(time.time()) > LIMIT_S else "")
         if page.person.role >= Role.OPERATE:
@@ -144,15 +147,34 @@ def _start(page: Page) -> None:
     with card(page, "swap.start", "swap-start"):
         text_element("p", page.t("swap.start_hint"), "note")
         requested = ui.input(page.t("swap.requested")).props("outlined dense").classes("grow")
-        with element("div", classes="row"):
-            for finger_set in SETS:
-
-                def begin(finger_set: str = finger_set) -> None:
-                    page.begin_act(acts.swap(finger_set, str(requested.value or "").replace(",", " ").split()))
-
-                button = page.button("swap.to", begin, "big", name=f"swap-{finger_set}", finger_set=finger_set)
-                page.shown.enabled(button, lambda: page.may_act and not _view(page).is_open)
+        _buttons_of_sets(page, lambda: str(requested.value or "").replace(",", " ").split())
         page.commands(acts.swap("power"), acts.confirm_step("insert", "TOKEN", ["PW-I-01", "PW-M-01", "PW-T-01"]))
+
+
+def _buttons_of_sets(page: Page, serials: Callable[[], list[str]]) -> None:
+    """Make a button for every finger set that the catalogue has, whenever it gets another."""
+    shown, made = page.shown, dict[str, Any]()
+    none = text_element("p", page.t("swap.no_sets"), "note")
+    shown.visible(none, lambda: not page.state.finger_sets)
+    holder = element("div", classes="row", id="swap-sets")
+
+    def make(finger_set: str) -> Any:
+        def begin() -> None:
+            page.begin_act(acts.swap(finger_set, serials()))
+
+        made[finger_set] = page.button("swap.to", begin, "big", name=f"swap-{finger_set}", finger_set=finger_set)
+        made[finger_set].set_enabled(may_begin())
+        return made[finger_set]
+
+    def may_begin() -> bool:
+        return page.may_act and not _view(page).is_open
+
+    def enable(may: bool) -> None:
+        for button in made.values():
+            button.set_enabled(may)
+
+    shown.rows(holder, lambda: page.state.finger_sets, tuple, make)
+    shown.follow_value(may_begin, enable)
 
 
 def _check(page: Page) -> None:

@@ -115,9 +115,20 @@ def _run(page: Page, run: WorkRun) -> None:
             )
             stop = page.button("work.pause", lambda: page.known(worker.pause), "big", name="work-pause")
             shown.enabled(stop, lambda: run.phase is WorkPhase.RUNNING)
+            leave = page.button(
+                "work.leave_out", lambda: page.known(worker.leave_out), name="work-leave-out", product=""
+            )
+            shown.text(leave, lambda: page.t("work.leave_out", product=_next_product(run)).rstrip())
+            shown.visible(leave, lambda: run.phase is WorkPhase.PAUSED)
+            shown.enabled(leave, lambda: page.may_act and bool(_next_product(run)))
         page.commands(acts.swap("power"), acts.grasp("egg"), acts.release())
         link = text_element("a", page.t("work.to_swap"), "instruction", href="/swap")
         shown.visible(link, lambda: page.state.swap.view.is_open)
+
+
+def _next_product(run: WorkRun) -> str:
+    number = run.next_number
+    return "" if number is None else run.items[number].product
 
 
 def _figures(page: Page, run: WorkRun) -> None:
