@@ -143,6 +143,12 @@ def test_rviz_shows_topics_that_exist_with_the_type_that_it_expects() -> None:
         assert types.get(f"/{topic['Value']}") == expected, display["Name"]
 
 
+def test_rviz_has_a_tool_that_turns_the_view() -> None:
+    """Without tools of its configuration RViz has none, and the mouse does nothing (rviz_common, ToolManager::load)."""
+    tools = yaml.safe_load(RVIZ.read_text())["Visualization Manager"]["Tools"]
+    assert "rviz_default_plugins/MoveCamera" in {tool["Class"] for tool in tools}
+
+
 def test_every_panel_has_its_place() -> None:
     layout = json.loads((LAYOUTS / "softgrip.lichtblick.json").read_text())
 

@@ -7,7 +7,8 @@ endif()
 softgrip_core(gdfe SUBPACKAGE gdfe BINDING src/gdfe/binding.cpp
   SOURCES src/gdfe/aggregation.cpp src/gdfe/anderson.cpp src/gdfe/anderson_passes.cpp src/gdfe/assembly.cpp
   src/gdfe/blocked_rows.cpp src/gdfe/cable.cpp src/gdfe/cable_system.cpp src/gdfe/contact.cpp src/gdfe/element_blocks.cpp
-  src/gdfe/element_forces.cpp src/gdfe/factor.cpp src/gdfe/follower.cpp src/gdfe/force_assembly.cpp src/gdfe/inverted.cpp src/gdfe/local_step.cpp
+  src/gdfe/element_forces.cpp src/gdfe/factor.cpp src/gdfe/follower.cpp src/gdfe/force_assembly.cpp src/gdfe/inverted.cpp
+  src/gdfe/local_step.cpp
   src/gdfe/mesh.cpp src/gdfe/multigrid.cpp src/gdfe/multigrid_cycle.cpp src/gdfe/node_rows.cpp src/gdfe/ogden.cpp
   src/gdfe/ordering.cpp src/gdfe/panel_factor.cpp src/gdfe/panel_solve.cpp src/gdfe/preconditioner.cpp
   src/gdfe/section_level.cpp src/gdfe/sections.cpp src/gdfe/simd.cpp src/gdfe/solver.cpp src/gdfe/stream.cpp
