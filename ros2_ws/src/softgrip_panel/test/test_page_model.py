@@ -12,6 +12,7 @@ import math
 import random
 import struct
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -37,7 +38,7 @@ from softgrip_panel.model.orders import OrderLine, read_orders
 from softgrip_panel.model.records import GraspFilter, export_csv, grasp_rows
 from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import SILENCE_S, PanelState
-from softgrip_panel.model.swap import SwapPhase, SwapProgress
+from softgrip_panel.model.swap import HANDS_OUT, SwapFollower, SwapPhase, SwapView
 from softgrip_panel.model.work import PlannedStep, Worker, WorkOptions, WorkPhase, WorkRun
 from softgrip_testing.manual_clock import ManualClock
 
@@ -404,26 +405,84 @@ def test_no_text_breaks_the_order_list(text: str) -> None:
 
 def test_a_swap_is_taken_up_after_the_panels_end(tmp_path: Path) -> None:
     file = tmp_path / "panel" / "swap.json"
-    first = SwapProgress()
+    first = SwapFollower()
     first.keep_in(file)
     first.begin_swap("pinch", "Ada", 100.0)
     first.observe("insert", "Insert them.", "t0ken", needs_confirmation=True)
     assert file.stat().st_mode & 0o077 == 0  # it holds the token
-    second = SwapProgress()
+    second = SwapFollower()
     second.keep_in(file)
     assert second.view == first.view
     second.end(success=False, message="cancelled; confirm step 'hands_out' with the token")
     assert second.view.phase is SwapPhase.HANDS_INSIDE
-    third = SwapProgress()
+    third = SwapFollower()
     third.keep_in(file)
     assert third.view.token == "t0ken"
     third.observe_mode("IDLE", "hands are out")
     assert third.view.phase is SwapPhase.ENDED
 
 
+FOREIGN = SwapView(
+    SwapPhase.RUNNING, "hook", "remove", "Take them out.", needs_confirmation=True, started_s=50.0, goal_id="0f"
+)  # fmt: skip
+
+
+def test_a_swap_of_another_client_is_shown_and_cannot_be_confirmed_here(tmp_path: Path) -> None:
+    swap = SwapFollower()
+    swap.keep_in(tmp_path / "swap.json")
+    swap.observe_progress(FOREIGN)
+    assert (swap.view.step, swap.view.instruction, swap.view.started_s) == ("remove", "Take them out.", 50.0)
+    assert swap.view.is_waiting
+    assert not swap.view.can_be_confirmed
+    swap.observe_mode("SWAPPING", "swapping to 'hook'")
+    assert swap.view.is_open
+    swap.observe_progress(replace(FOREIGN, phase=SwapPhase.HANDS_INSIDE, step="", message="cancelled"))
+    swap.observe_mode("SWAPPING", f"cancelled; confirm step '{HANDS_OUT}'")
+    assert (swap.view.phase, swap.view.can_be_confirmed) == (SwapPhase.HANDS_INSIDE, False)
+    swap.observe_progress(replace(FOREIGN, phase=SwapPhase.ENDED, needs_confirmation=False, message="cancelled"))
+    assert (swap.view.phase, swap.view.is_waiting) == (SwapPhase.ENDED, False)
+    assert not (tmp_path / "swap.json").exists()  # of a later panel it would be no swap of its own
+
+
+def test_an_own_swap_keeps_its_token_whatever_is_said_to_everybody(tmp_path: Path) -> None:
+    swap = SwapFollower()
+    swap.keep_in(tmp_path / "swap.json")
+    mine = replace(FOREIGN, finger_set="pinch", goal_id="aa")
+    swap.observe_progress(mine)  # before the goal's acceptance has come
+    assert swap.view.is_foreign
+    swap.begin_swap("pinch", "Ada", 100.0, "aa")
+    assert (swap.view.is_foreign, swap.view.step, swap.view.who) == (False, "remove", "Ada")
+    swap.observe("insert", "Insert them.", "t0ken", needs_confirmation=True)
+    own = swap.view
+    for other in (mine, replace(FOREIGN, phase=SwapPhase.ENDED), replace(FOREIGN, goal_id="")):
+        swap.observe_progress(other)
+        assert swap.view == own
+    later = SwapFollower()  # of a panel that was started again
+    later.keep_in(tmp_path / "swap.json")
+    later.observe_progress(replace(mine, step="close_palm", instruction="Close the palm."))
+    assert (later.view.step, later.view.token, later.view.who) == ("close_palm", "t0ken", "Ada")
+    assert later.view.can_be_confirmed
+    # a manager that was started again knows no goal; its cell/state says what became of the swap
+    later.observe_progress(SwapView(SwapPhase.HANDS_INSIDE, "pinch", needs_confirmation=True))
+    assert later.view.token == "t0ken"
+    later.observe_mode("SWAPPING", f"restarted during swap 'pinch'; confirm step '{HANDS_OUT}'")
+    assert (later.view.phase, later.view.can_be_confirmed) == (SwapPhase.HANDS_INSIDE, True)
+
+
+def test_a_swap_that_ended_while_the_panel_was_away_gives_way_to_the_next(tmp_path: Path) -> None:
+    first = SwapFollower()
+    first.keep_in(tmp_path / "swap.json")
+    first.begin_swap("pinch", "Ada", 100.0, "aa")
+    first.observe("insert", "Insert them.", "t0ken", needs_confirmation=True)
+    later = SwapFollower()
+    later.keep_in(tmp_path / "swap.json")
+    later.observe_progress(FOREIGN)
+    assert (later.view.finger_set, later.view.token, later.view.can_be_confirmed) == ("hook", "", False)
+
+
 def test_a_spoiled_file_of_a_swap_is_no_swap(tmp_path: Path) -> None:
     (tmp_path / "swap.json").write_text('{"phase": "dancing"}')
-    swap = SwapProgress()
+    swap = SwapFollower()
     swap.keep_in(tmp_path / "swap.json")
     assert swap.view.phase is SwapPhase.NONE
 

@@ -24,6 +24,7 @@ from softgrip_interfaces.msg import (
     PredictionResidual,
     RigProgress,
     SafetyState,
+    SwapProgress,
     TendonOwners,
     TendonStatusArray,
 )
@@ -61,6 +62,7 @@ from softgrip_panel.nodes import convert
 from softgrip_panel.nodes.cell_calls import RosCalls
 from softgrip_panel.nodes.parameter_reader import RosParameters
 from softgrip_panel.texts import Texts
+from softgrip_time.units import to_s
 
 if TYPE_CHECKING:
     from softgrip_panel.web.site import PanelSite
@@ -176,6 +178,7 @@ class PanelNode(CellNode):
             SafetyState, "safety/state", lambda message: state.observe_safety(convert.safety_view(message)), LATCHED
         )
         self.create_subscription(TendonOwners, "tendon/owners", self._on_owners, LATCHED)
+        self.create_subscription(SwapProgress, "cell/swap_progress", self._on_swap_progress, LATCHED)
         self.create_subscription(RigProgress, "rig/progress", self._on_rig_progress, LATCHED)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         for kind, topic in (
@@ -330,6 +333,11 @@ class PanelNode(CellNode):
     def _on_rig_progress(self, message: RigProgress) -> None:
         self._state.rig = convert.rig_progress(message)
 
+    def _on_swap_progress(self, message: SwapProgress) -> None:
+        ahead_s = time.time() - to_s(self.get_clock().now().nanoseconds)
+        with self._state.locked() as state:
+            state.swap.observe_progress(convert.swap_progress(message, ahead_s))
+
     @staticmethod
     def _ask(client: Any, request: Any, on_answer: Any) -> None:
         """Call a service that is there."""
@@ -341,10 +349,10 @@ class PanelNode(CellNode):
         if self._audit_client.service_is_ready():
             self._audit_client.call_async(WriteAudit.Request(who=who, action=act, subject=subject, detail=detail))
 
-    def _on_accepted(self, act: str, goal: Any, who: str) -> None:
+    def _on_accepted(self, act: str, goal: Any, goal_id: bytes, who: str) -> None:
         if act == "swap":
             with self._state.locked() as state:
-                state.swap.begin_swap(goal.finger_set, who, time.time())
+                state.swap.begin_swap(goal.finger_set, who, time.time(), goal_id.hex())
 
     def _on_feedback(self, act: str, feedback: Any, _who: str) -> None:
         if act == "swap":
