@@ -59,7 +59,7 @@ class SwapProgressLog:
         self._send()
 
     def publish_changes(self) -> None:
-        """Publish once at the start; later where drives that a swap left locked were unlocked, or found to be locked."""
+        """Publish once at the start; later where drives that a swap left locked were unlocked, or found locked."""
         if self._progress.running or (
             self._was_published and self._progress.confirmation == (self._cell.lock is not None)
         ):

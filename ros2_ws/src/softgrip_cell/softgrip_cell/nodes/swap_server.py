@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Action cell/swap, service cell/confirm_step, topic cell/swap_progress: walks a SwapSequence through driver, person and check.
+"""Action cell/swap and service cell/confirm_step: walks a SwapSequence through driver, person and check.
 
 While a person's hands may be inside, from open_palm to close_palm, the drives are locked (tendon/lock): torque off and
 every motion refused. A swap that ends meanwhile leaves them locked until a person confirms that the hands are out.

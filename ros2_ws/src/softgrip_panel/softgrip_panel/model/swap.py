@@ -146,10 +146,10 @@ class SwapFollower:
                 known = {"token": own.token, "who": own.who, "started_s": own.started_s}
                 self._set(replace(progress, **known))
             return
-        if not progress.goal_id and not self.view.is_foreign and own.phase is not SwapPhase.NONE:
-            # a manager that was started again: cell/state says what became of the own swap
-            if own.is_open or progress.phase is not SwapPhase.HANDS_INSIDE:
-                return
+        is_own_shown = not self.view.is_foreign and own.phase is not SwapPhase.NONE
+        is_news = not own.is_open and progress.phase is SwapPhase.HANDS_INSIDE
+        if not progress.goal_id and is_own_shown and not is_news:
+            return  # a manager that was started again: cell/state says what became of the own swap
         if own.is_open and not self._is_taken_up and progress.phase is not SwapPhase.RUNNING:
             return  # of an earlier swap: this one's own result will come
         if progress.phase is not SwapPhase.NONE:

@@ -83,7 +83,11 @@ PARAMETERS = ParameterTable(
     ),
     Parameter("tls_certificate", "", "PEM file with the certificate; empty = no TLS"),
     Parameter("tls_key", "", "PEM file with the certificate's key"),
-    Parameter("state_dir", "", "folder for the record of acts and a swap that is going on; empty = kept nowhere"),
+    Parameter(
+        "state_dir",
+        "",
+        "folder for the record of acts, the order list and a swap under way; empty = kept nowhere",
+    ),
     Parameter("bags_dir", "", "folder of the recorder's bags on this machine; empty = none are listed"),
     Parameter("language", "en", "catalogue of texts"),
     Parameter("watched_finger", "index", "the finger in front of the camera"),
@@ -154,8 +158,13 @@ class PanelNode(CellNode):
         rule = OriginRule(port, tls is not None, names)
         sessions = Sessions(time.monotonic, self._state.control.forget)
         desk = ActDesk(self._state, self._calls, self._record)
+        run = self._run = WorkRun(time.monotonic)
+        if values["state_dir"]:
+            run.keep_in(Path(values["state_dir"]) / "work.json")
+        if run.problem:
+            self.get_logger().warning(run.problem)
         site = PanelSite(
-            desk, Worker(desk, WorkRun(time.monotonic)), texts, accounts, sessions, LoginBrake(time.monotonic), rule,
+            desk, Worker(desk, run), texts, accounts, sessions, LoginBrake(time.monotonic), rule,
             BagJobs(BagFolder(Path(values["bags_dir"]) if values["bags_dir"] else None)), self.get_namespace(),
             log=self.get_logger().warning,
         )  # fmt: skip
@@ -286,7 +295,7 @@ class PanelNode(CellNode):
             self._ask(self._finger_client, ListFingers.Request(), self._on_fingers)
             self._ask(self._friction_client, ListFrictionModels.Request(), self._on_friction)
             self._ask(self._grasp_client, ListGrasps.Request(limit=200), self._on_grasps)
-        problem = self._record.problem
+        problem = self._record.problem or self._run.problem
         health = Health.WARN if problem else Health.OK
         self._diagnostics.set("page", health, problem or "serves", {"pages": self._site.viewers})
 
