@@ -96,16 +96,16 @@ class WorkRun:
     problem: str = ""
     _since_s: float = field(default=0.0, repr=False)
     _file: WorkFile | None = field(default=None, repr=False)
-    _wall_s: Callable[[], float] = field(default=time.time, repr=False)
+    _epoch_s: Callable[[], float] = field(default=time.time, repr=False)
 
-    def keep_in(self, file: Path, wall_s: Callable[[], float] = time.time) -> None:
+    def keep_in(self, file: Path, epoch_s: Callable[[], float] = time.time) -> None:
         """Keep the run in a file, and take up the one that an earlier panel left there; what went on is paused.
 
         Args:
             file: of this user alone.
-            wall_s: seconds since the Unix epoch; the time without a panel counts as paused.
+            epoch_s: seconds since the Unix epoch; the time without a panel counts as paused.
         """
-        self._file, self._wall_s = WorkFile(file), wall_s
+        self._file, self._epoch_s = WorkFile(file), epoch_s
         try:
             kept = self._file.read()
         except PanelError as error:
@@ -121,7 +121,7 @@ class WorkRun:
         if self.phase is WorkPhase.RUNNING:
             self.phase, self.message = WorkPhase.PAUSED, RESTARTED
         if self.phase is WorkPhase.PAUSED:
-            self.paused_s += max(0.0, wall_s() - kept.at_s)
+            self.paused_s += max(0.0, epoch_s() - kept.at_s)
 
     def plan(self, steps: Sequence[PlannedStep], answer: Any) -> None:
         """Take a plan; what was planned before is gone."""
@@ -180,7 +180,7 @@ class WorkRun:
             return
         self._count(self.now_s())
         kept = KeptWork(
-            self._wall_s(), self.phase, self.message, self.items, self.swaps, self.predicted_time_s,
+            self._epoch_s(), self.phase, self.message, self.items, self.swaps, self.predicted_time_s,
             self.expected_success, self.redundant_sets, self.running_s, self.paused_s,
         )  # fmt: skip
         try:
