@@ -143,8 +143,7 @@ class SwapFollower:
         own = self._own
         if progress.goal_id and progress.goal_id == own.goal_id:
             if self._is_taken_up or self.view is not own:
-                known = {"token": own.token, "who": own.who, "started_s": own.started_s}
-                self._set(replace(progress, **known))
+                self._set(replace(progress, token=own.token, who=own.who, started_s=own.started_s))
             return
         is_own_shown = not self.view.is_foreign and own.phase is not SwapPhase.NONE
         is_news = not own.is_open and progress.phase is SwapPhase.HANDS_INSIDE
