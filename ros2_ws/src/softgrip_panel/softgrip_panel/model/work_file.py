@@ -16,8 +16,8 @@ from softgrip_panel.errors import PanelError
 
 #: An order list holds at most so many grasps.
 MAX_ITEMS: Final = 5000
-#: What may have come of an item; empty = still to come.
-OUTCOMES: Final = frozenset({"", "GRIPPED", "EMPTY", "SLIPPED"})
+#: What may have come of an item; empty = still to come, LEFT_OUT = a person took it from the list.
+OUTCOMES: Final = frozenset({"", "GRIPPED", "EMPTY", "SLIPPED", "LEFT_OUT"})
 
 
 class WorkPhase(StrEnum):
