@@ -50,7 +50,7 @@ from softgrip_panel.model.grasps import FingerDecision
 from softgrip_panel.model.parameters import ParameterKind, ParameterView
 from softgrip_panel.model.shapes import FaceOwners, PanelShape
 from softgrip_panel.model.state import PanelState
-from softgrip_panel.model.swap import STEPS
+from softgrip_panel.model.swap import CONFIRMED, STEPS, SwapPhase, SwapView
 from softgrip_panel.model.work import Worker, WorkRun
 from softgrip_panel.texts import Texts
 from softgrip_panel.web.pages.every import add_pages
@@ -263,6 +263,18 @@ def bedded_zero_mm(homings: int) -> float:
     return {0: 0.0, 1: 1.0, 2: 1.5}.get(homings, 1.55)
 
 
+def foreign_swap(words: str) -> SwapView:
+    """What cell/swap_progress says of another client's swap: a step, "hands_out" or "done"."""
+    goal = {"finger_set": "hook", "goal_id": "0f" * 16, "started_s": time.time() - 61.0}
+    if words == "hands_out":
+        return SwapView(SwapPhase.HANDS_INSIDE, needs_confirmation=True, message="cancelled", **goal)
+    if words == "done":
+        return SwapView(SwapPhase.ENDED, success=True, message="every finger is as its record says", **goal)
+    return SwapView(
+        SwapPhase.RUNNING, step=words, instruction=f"Others do {words}.", needs_confirmation=words in CONFIRMED, **goal
+    )
+
+
 def feed(site: PanelSite, stop: threading.Event) -> None:
     """Play the streams: ten times a second."""
     state, number, shape = site.desk.state, 0, rest_shape()
@@ -282,6 +294,11 @@ def feed(site: PanelSite, stop: threading.Event) -> None:
         chain = [(120.0 + 90 * k, 200.0 + 60 * phase * k) for k in range(5)]
         cv2.polylines(image, [np.array(chain, np.int32)], isClosed=False, color=(180, 180, 180), thickness=22)
         jpeg = cv2.imencode(".jpg", image)[1].tobytes()
+        foreign = site.cell.folder / "foreign_swap"  # type: ignore[attr-defined]
+        if foreign.exists():
+            with state.locked():
+                state.swap.observe_progress(foreign_swap(foreign.read_text()))
+            foreign.unlink()
         shown = site.cell.folder / "shown.jpg"  # type: ignore[attr-defined]
         if shown.exists():
             jpeg = shown.read_bytes()

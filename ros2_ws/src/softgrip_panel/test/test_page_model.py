@@ -15,6 +15,7 @@ import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -49,8 +50,9 @@ from softgrip_panel.model.orders import OrderLine, read_orders
 from softgrip_panel.model.records import GraspFilter, export_csv, grasp_rows
 from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import SILENCE_S, PanelState
-from softgrip_panel.model.swap import SwapPhase, SwapProgress
-from softgrip_panel.model.work import LEFT_OUT, PlannedStep, Worker, WorkOptions, WorkPhase, WorkRun
+from softgrip_panel.model.swap import HANDS_OUT, SwapFollower, SwapPhase, SwapView
+from softgrip_panel.model.work import LEFT_OUT, PlannedStep, Worker, WorkOptions, WorkRun
+from softgrip_panel.model.work_file import WorkPhase
 from softgrip_testing.manual_clock import ManualClock
 
 ADA = Person("a", "Ada", Role.OPERATE)
@@ -628,26 +630,84 @@ def test_no_text_breaks_the_order_list(text: str) -> None:
 
 def test_a_swap_is_taken_up_after_the_panels_end(tmp_path: Path) -> None:
     file = tmp_path / "panel" / "swap.json"
-    first = SwapProgress()
+    first = SwapFollower()
     first.keep_in(file)
     first.begin_swap("pinch", "Ada", 100.0)
     first.observe("insert", "Insert them.", "t0ken", needs_confirmation=True)
     assert file.stat().st_mode & 0o077 == 0  # it holds the token
-    second = SwapProgress()
+    second = SwapFollower()
     second.keep_in(file)
     assert second.view == first.view
     second.end(success=False, message="cancelled; confirm step 'hands_out' with the token")
     assert second.view.phase is SwapPhase.HANDS_INSIDE
-    third = SwapProgress()
+    third = SwapFollower()
     third.keep_in(file)
     assert third.view.token == "t0ken"
     third.observe_mode("IDLE", "hands are out")
     assert third.view.phase is SwapPhase.ENDED
 
 
+FOREIGN = SwapView(
+    SwapPhase.RUNNING, "hook", "remove", "Take them out.", needs_confirmation=True, started_s=50.0, goal_id="0f"
+)  # fmt: skip
+
+
+def test_a_swap_of_another_client_is_shown_and_cannot_be_confirmed_here(tmp_path: Path) -> None:
+    swap = SwapFollower()
+    swap.keep_in(tmp_path / "swap.json")
+    swap.observe_progress(FOREIGN)
+    assert (swap.view.step, swap.view.instruction, swap.view.started_s) == ("remove", "Take them out.", 50.0)
+    assert swap.view.is_waiting
+    assert not swap.view.can_be_confirmed
+    swap.observe_mode("SWAPPING", "swapping to 'hook'")
+    assert swap.view.is_open
+    swap.observe_progress(replace(FOREIGN, phase=SwapPhase.HANDS_INSIDE, step="", message="cancelled"))
+    swap.observe_mode("SWAPPING", f"cancelled; confirm step '{HANDS_OUT}'")
+    assert (swap.view.phase, swap.view.can_be_confirmed) == (SwapPhase.HANDS_INSIDE, False)
+    swap.observe_progress(replace(FOREIGN, phase=SwapPhase.ENDED, needs_confirmation=False, message="cancelled"))
+    assert (swap.view.phase, swap.view.is_waiting) == (SwapPhase.ENDED, False)
+    assert not (tmp_path / "swap.json").exists()  # of a later panel it would be no swap of its own
+
+
+def test_an_own_swap_keeps_its_token_whatever_is_said_to_everybody(tmp_path: Path) -> None:
+    swap = SwapFollower()
+    swap.keep_in(tmp_path / "swap.json")
+    mine = replace(FOREIGN, finger_set="pinch", goal_id="aa")
+    swap.observe_progress(mine)  # before the goal's acceptance has come
+    assert swap.view.is_foreign
+    swap.begin_swap("pinch", "Ada", 100.0, "aa")
+    assert (swap.view.is_foreign, swap.view.step, swap.view.who) == (False, "remove", "Ada")
+    swap.observe("insert", "Insert them.", "t0ken", needs_confirmation=True)
+    own = swap.view
+    for other in (mine, replace(FOREIGN, phase=SwapPhase.ENDED), replace(FOREIGN, goal_id="")):
+        swap.observe_progress(other)
+        assert swap.view == own
+    later = SwapFollower()  # of a panel that was started again
+    later.keep_in(tmp_path / "swap.json")
+    later.observe_progress(replace(mine, step="close_palm", instruction="Close the palm."))
+    assert (later.view.step, later.view.token, later.view.who) == ("close_palm", "t0ken", "Ada")
+    assert later.view.can_be_confirmed
+    # a manager that was started again knows no goal; its cell/state says what became of the swap
+    later.observe_progress(SwapView(SwapPhase.HANDS_INSIDE, "pinch", needs_confirmation=True))
+    assert later.view.token == "t0ken"
+    later.observe_mode("SWAPPING", f"restarted during swap 'pinch'; confirm step '{HANDS_OUT}'")
+    assert (later.view.phase, later.view.can_be_confirmed) == (SwapPhase.HANDS_INSIDE, True)
+
+
+def test_a_swap_that_ended_while_the_panel_was_away_gives_way_to_the_next(tmp_path: Path) -> None:
+    first = SwapFollower()
+    first.keep_in(tmp_path / "swap.json")
+    first.begin_swap("pinch", "Ada", 100.0, "aa")
+    first.observe("insert", "Insert them.", "t0ken", needs_confirmation=True)
+    later = SwapFollower()
+    later.keep_in(tmp_path / "swap.json")
+    later.observe_progress(FOREIGN)
+    assert (later.view.finger_set, later.view.token, later.view.can_be_confirmed) == ("hook", "", False)
+
+
 def test_a_spoiled_file_of_a_swap_is_no_swap(tmp_path: Path) -> None:
     (tmp_path / "swap.json").write_text('{"phase": "dancing"}')
-    swap = SwapProgress()
+    swap = SwapFollower()
     swap.keep_in(tmp_path / "swap.json")
     assert swap.view.phase is SwapPhase.NONE
 
@@ -769,6 +829,95 @@ def test_figures_of_a_run_by_their_formulas(clock: ManualClock) -> None:
     assert figures.performance == pytest.approx(3 * 10.0 / 60.0)
     assert figures.quality == pytest.approx(2.0 / 3.0)
     assert figures.oee == pytest.approx(0.75 * 0.5 * 2.0 / 3.0)
+
+
+ANSWER = SimpleNamespace(swaps=1, predicted_time=40.0, expected_success=0.9, redundant_sets=["hook"])
+
+
+def test_an_order_list_comes_back_paused_with_what_is_done_counted(tmp_path: Path, clock: ManualClock) -> None:
+    file, day = tmp_path / "panel" / "work.json", ManualClock(5000.0)
+    first = WorkRun(clock)
+    first.keep_in(file, day)
+    first.plan([PlannedStep("egg", 4, "power", False, 0.9, 40.0)], ANSWER)
+    first.go_to(WorkPhase.RUNNING)
+    for number, outcome in enumerate(("GRIPPED", "SLIPPED")):
+        clock.s, day.s = clock.s + 20.0, day.s + 20.0
+        first.finish(number, outcome, "as it was", 20.0)
+    assert file.stat().st_mode & 0o077 == 0
+    day.s += 40.0  # killed in the midst of the third egg; the next panel's clock is another one
+    later = WorkRun(ManualClock(7.0))
+    later.keep_in(file, day)
+    assert (later.phase, later.next_number, later.items[:2]) == (WorkPhase.PAUSED, 2, first.items[:2])
+    assert [one.outcome for one in later.items] == ["GRIPPED", "SLIPPED", "", ""]
+    assert "started again" in later.message
+    assert (later.swaps, later.redundant_sets, later.expected_success) == (1, ("hook",), 0.9)
+    figures = later.figures()
+    assert (figures.done, figures.total, figures.gripped) == (2, 4, 1)
+    assert figures.availability == pytest.approx(40.0 / 80.0)  # the time without a panel is no time of work
+    later.go_to(WorkPhase.RUNNING)
+    later.finish(2, "GRIPPED", "", 5.0)
+    third = WorkRun(clock)
+    third.keep_in(file, day)
+    assert (third.phase, third.next_number, third.problem) == (WorkPhase.PAUSED, 3, "")
+
+
+@pytest.mark.parametrize("phase", [WorkPhase.PLANNED, WorkPhase.ENDED])
+def test_a_list_that_did_not_run_comes_back_as_it_was(tmp_path: Path, clock: ManualClock, phase: WorkPhase) -> None:
+    first = WorkRun(clock)
+    first.keep_in(tmp_path / "work.json", clock)
+    first.plan([PlannedStep("egg", 1, "power", False, math.nan, 4.0)], replaced(ANSWER, expected_success=math.nan))
+    first.go_to(phase)
+    later = WorkRun(clock)
+    later.keep_in(tmp_path / "work.json", clock)
+    assert (later.phase, later.items, later.paused_s) == (phase, first.items, 0.0)
+    assert math.isnan(later.expected_success)
+
+
+def replaced(answer: SimpleNamespace, **changes: Any) -> SimpleNamespace:
+    return SimpleNamespace(**{**vars(answer), **changes})
+
+
+def kept_document(folder: Path, clock: ManualClock) -> dict[str, Any]:
+    run = WorkRun(clock)
+    run.keep_in(folder / "work.json", clock)
+    run.plan([PlannedStep("egg", 2, "power", False, 0.9, 8.0)], ANSWER)
+    document: dict[str, Any] = json.loads((folder / "work.json").read_text())
+    return document
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda document: json.dumps(document)[:-20],
+        lambda _: "\x00" * 100,
+        lambda _: "[]",
+        lambda document: json.dumps({**document, "phase": "dancing"}),
+        lambda document: json.dumps({**document, "running_s": math.nan}),
+        lambda document: json.dumps({**document, "items": [["egg", "power", 4.0, "EATEN", "", 0.0]]}),
+        lambda document: json.dumps({**document, "items": [["egg", 7, 4.0, "", "", 0.0]]}),
+        lambda document: json.dumps({**document, "items": document["items"] * 2501}),
+        lambda document: json.dumps({name: value for name, value in document.items() if name != "at_s"}),
+    ],
+)
+def test_a_spoiled_order_list_is_none_and_is_said(tmp_path: Path, clock: ManualClock, spoil: Any) -> None:
+    (tmp_path / "work.json").write_text(spoil(kept_document(tmp_path, clock)))
+    run = WorkRun(clock)
+    run.keep_in(tmp_path / "work.json", clock)
+    assert (run.phase, run.items) == (WorkPhase.EMPTY, ())
+    assert "work.json: expected the order list of an earlier panel" in run.problem
+    run.plan([PlannedStep("egg", 1, "power", False, 0.9, 4.0)], ANSWER)
+    assert run.problem == ""
+
+
+def test_a_disk_that_takes_no_order_list_is_said_and_ends_no_run(tmp_path: Path, clock: ManualClock) -> None:
+    (tmp_path / "panel").write_text("no folder")
+    run = WorkRun(clock)
+    run.keep_in(tmp_path / "panel" / "work.json", clock)
+    run.plan([PlannedStep("egg", 2, "power", False, 0.9, 8.0)], ANSWER)
+    run.go_to(WorkPhase.RUNNING)
+    run.finish(0, "GRIPPED", "", 4.0)
+    assert (run.phase, run.figures().done) == (WorkPhase.RUNNING, 1)
+    assert "order list: expected to write" in run.problem
 
 
 # --- two hundred operators

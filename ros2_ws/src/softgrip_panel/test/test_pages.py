@@ -193,6 +193,39 @@ def test_a_swap_survives_reload_and_a_second_browser_and_takes_scanned_serials(
     assert who == ["Ada", "Bob", "Ada", "Ada"]
 
 
+def test_a_swap_of_another_client_is_followed_and_only_its_owner_confirms(
+    browser: PanelBrowser, site: RunningSite
+) -> None:
+    def others_are_at(words: str) -> None:
+        (site.folder / "foreign_swap.part").write_text(words)
+        (site.folder / "foreign_swap.part").rename(site.folder / "foreign_swap")
+
+    confirmed = [one["act"] for one in site.calls()].count("confirm_step")
+    browser.open("/records")
+    take_control(browser)
+    others_are_at("insert")
+    browser.wait_for_text("#swap-waits", "A swap of another client waits for a person")
+    browser.find("#swap-waits").click()
+    browser.wait_for_text("#instruction", "Others do insert.")
+    browser.wait_for_text("#swap-foreign", "Only it has the token")
+    assert browser.text("#swap-clock").startswith("1:")
+    for name in ("step-done", "propose"):
+        assert not browser.find(f"[data-name='{name}']").is_displayed()
+    assert not browser.find(".serials input").is_displayed()
+    assert browser.find("[data-name='swap-cancel']").is_displayed()  # ending a motion is everybody's who operates
+    assert not browser.find("[data-name='swap-power']").is_enabled()
+    others_are_at("verify")
+    browser.wait_for_text("#instruction", "Others do verify.")
+    browser.wait(lambda: not browser.find("#swap-waits").is_displayed(), "nothing to wait for")
+    others_are_at("hands_out")
+    browser.wait_for_text("#instruction", "have whoever ordered it confirm that")
+    assert not browser.find("[data-name='step-done']").is_displayed()
+    others_are_at("done")
+    browser.wait_for_text("#instruction", "Done: every finger is as its record says")
+    browser.wait(lambda: browser.find("[data-name='swap-power']").is_enabled(), "a swap can be begun")
+    assert [one["act"] for one in site.calls()].count("confirm_step") == confirmed
+
+
 def test_a_friction_measurement_by_clicks_is_accepted_with_a_reason(browser: PanelBrowser, site: RunningSite) -> None:
     browser.open("/friction")
     take_control(browser)

@@ -3,18 +3,20 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
 
-from softgrip_interfaces.action import CalibrateFriction
-from softgrip_interfaces.msg import FrictionSample, RigProgress
+from softgrip_interfaces.action import CalibrateFriction, SwapFingers
+from softgrip_interfaces.msg import FrictionSample, RigProgress, SwapProgress
 from softgrip_interfaces.srv import ConfirmStep
 from softgrip_panel.model import acts
-from softgrip_panel.model.swap import CONFIRMED, HANDS_OUT, STEPS
+from softgrip_panel.model.swap import CONFIRMED, HANDS_OUT, STEPS, SwapPhase
 from softgrip_panel.nodes.cell_calls import RosCalls
-from softgrip_panel.nodes.convert import SWAP_STEPS, rig_progress
+from softgrip_panel.nodes.convert import SWAP_STEPS, rig_progress, swap_progress
 
 pytestmark = pytest.mark.ros
 
@@ -45,6 +47,30 @@ def test_the_steps_of_a_swap_have_the_numbers_of_the_interfaces() -> None:
     for step in (*CONFIRMED, HANDS_OUT):
         assert acts.confirm_step(step, "").call.request["step"] == getattr(ConfirmStep.Request, step.upper())
     assert acts.confirm_step("verify", "").call.request["step"] == ConfirmStep.Request.UNSET
+
+
+def test_the_progress_of_a_swap_is_said_as_it_is_and_has_no_token() -> None:
+    goal = bytes(range(16))
+    message = SwapProgress(
+        running=True, goal_id=list(goal), finger_set="hook", since=Time(sec=100), step=SwapFingers.Feedback.INSERT,
+        instruction="Insert them.", confirmation=True,
+    )  # fmt: skip
+    view = swap_progress(message, 1000.0)
+    assert (view.phase, view.finger_set, view.step) == (SwapPhase.RUNNING, "hook", "insert")
+    assert (view.instruction, view.needs_confirmation, view.started_s) == ("Insert them.", True, 1100.0)
+    assert (view.goal_id, view.token) == ("000102030405060708090a0b0c0d0e0f", "")
+    assert not [name for name in SwapProgress.get_fields_and_field_types() if "token" in name]
+
+
+def test_the_end_of_a_swap_and_hands_inside_are_told_apart() -> None:
+    ended = SwapProgress(outcome=SwapFingers.Result.SUCCEEDED, reason="as recorded")
+    view = swap_progress(ended, 0.0)
+    assert (view.phase, view.success, view.message, view.goal_id) == (SwapPhase.ENDED, True, "as recorded", "")
+    assert math.isnan(view.started_s)
+    inside = SwapProgress(outcome=SwapFingers.Result.CANCELLED, step=ConfirmStep.Request.HANDS_OUT, confirmation=True)
+    view = swap_progress(inside, 0.0)
+    assert (view.phase, view.success, view.is_waiting) == (SwapPhase.HANDS_INSIDE, False, True)
+    assert swap_progress(SwapProgress(), 0.0).phase is SwapPhase.NONE
 
 
 class CancelClient(SimpleNamespace):

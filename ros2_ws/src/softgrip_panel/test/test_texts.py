@@ -37,7 +37,7 @@ PREFIXES = (
 )
 
 #: Names of files that look like keys.
-FILES = {"cell.yaml", "grasps.csv", "swap.json"}
+FILES = {"cell.yaml", "grasps.csv", "swap.json", "work.json"}
 
 
 @functools.cache

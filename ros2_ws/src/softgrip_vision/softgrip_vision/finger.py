@@ -18,7 +18,7 @@ from softgrip_vision.calibration import CameraCalibration, PlaneMap
 from softgrip_vision.chain import ChainFilter, ChainGeometry, Place
 from softgrip_vision.colour import ColourModel, Image
 from softgrip_vision.errors import FrameError
-from softgrip_vision.following import FingerFrame, FingerView, FollowedChain
+from softgrip_vision.following import FollowedChain, FollowedFinger, FollowedFrame
 from softgrip_vision.layout import ChainLayout, FingerSetup
 from softgrip_vision.marker_appearance import alike
 from softgrip_vision.options import TrackerOptions
@@ -56,7 +56,7 @@ class FingerTracker:
         lens = self.calibration.lens
         plane_map = PlaneMap(lens, plane)
         pixels_per_metre = plane_map.pixels_per_metre(np.zeros(2))
-        self._view = FingerView(
+        self._view = FollowedFinger(
             ChainGeometry(self.layout, plane.base_marker_m),
             plane_map,
             plane.marker_diameter_m * pixels_per_metre,
@@ -96,7 +96,7 @@ class FingerTracker:
             rivals: [px] where the markers of other fingers are expected.
         """
         self._stamp = stamp
-        frame = FingerFrame(image, stamp, rivals, self.options)
+        frame = FollowedFrame(image, stamp, rivals, self.options)
         if self._chain is None:
             problem = self._acquire(image)
             if problem:
@@ -126,7 +126,7 @@ class FingerTracker:
         self._chain = FollowedChain(self._view, image, found, side)
         return ""
 
-    def _confirm(self, frame: FingerFrame) -> FingerReading:
+    def _confirm(self, frame: FollowedFrame) -> FingerReading:
         """Conclude on a chain just found: every one of its markers has to stand the test of following."""
         assert self._chain is not None
         seen = self._chain.follow(frame)

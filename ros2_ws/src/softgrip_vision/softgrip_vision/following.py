@@ -60,7 +60,7 @@ FASTEST_JOINT = 12.0
 
 
 @dataclass(frozen=True)
-class FingerView:
+class FollowedFinger:
     """A finger as its camera sees it.
 
     Attributes:
@@ -76,7 +76,7 @@ class FingerView:
     pixels_per_metre: float
 
 
-class FingerFrame(NamedTuple):
+class FollowedFrame(NamedTuple):
     """A frame, for one finger.
 
     Attributes:
@@ -102,7 +102,7 @@ class FollowedChain:
         side: on which the finger's body lies beside its markers.
     """
 
-    def __init__(self, view: FingerView, image: Image, found: FoundChain, side: BodySide) -> None:
+    def __init__(self, view: FollowedFinger, image: Image, found: FoundChain, side: BodySide) -> None:
         self._view = view
         self._side = side
         self._colour = ColourModel(hue_of(np.median(colours_at(image, found.spots), axis=0)), KNOWN_HUE_HALF_ANGLE)
@@ -126,7 +126,7 @@ class FollowedChain:
         self._predicted = [(u, v) for u, v in places.tolist()]
         return self._predicted
 
-    def follow(self, frame: FingerFrame) -> list[Seen | None]:
+    def follow(self, frame: FollowedFrame) -> list[Seen | None]:
         """Find every marker in a frame, base to tip, and take each into the filter; None for each that is hidden."""
         markers = range(len(self._predicted))
         near = self._look(frame, markers, self._predicted, NEAR_REACH * self._view.diameter_px)
@@ -139,7 +139,7 @@ class FollowedChain:
         return seen
 
     def _follow_marker(
-        self, frame: FingerFrame, marker: int, near: Sequence[Candidate], seen: list[Seen | None]
+        self, frame: FollowedFrame, marker: int, near: Sequence[Candidate], seen: list[Seen | None]
     ) -> Seen | None:
         """Find one marker where the chain, with all markers before it taken in, expects it; take it in.
 
@@ -175,7 +175,7 @@ class FollowedChain:
         return Seen(best.spot, best.point, appearance.confidence(best.spot, best.distance, GATE))
 
     def _look(
-        self, frame: FingerFrame, markers: Sequence[int], places: Sequence[Place], clear: float
+        self, frame: FollowedFrame, markers: Sequence[int], places: Sequence[Place], clear: float
     ) -> list[list[Candidate]]:
         """Return, for each of some markers, what looks like it around its place.
 
@@ -231,7 +231,7 @@ class FollowedChain:
 
     def _best(
         self,
-        frame: FingerFrame,
+        frame: FollowedFrame,
         marker: int,
         candidates: Sequence[Candidate],
         expected: tuple[Place, Spread],

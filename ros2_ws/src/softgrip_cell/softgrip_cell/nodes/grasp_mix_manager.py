@@ -25,6 +25,7 @@ from softgrip_cell.nodes.driver_link import DriverLink
 from softgrip_cell.nodes.grasp_server import GraspServer
 from softgrip_cell.nodes.parameters import PARAMETERS, agreements, check_settings, grasp_settings, motion_limits
 from softgrip_cell.nodes.record_server import RecordServer
+from softgrip_cell.nodes.swap_progress import SwapProgressLog
 from softgrip_cell.nodes.swap_server import SwapServer
 from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_cell.observation import Observation, ObservationOrder, SeenTip, StreamSilence, TendonSample
@@ -37,6 +38,7 @@ from softgrip_interfaces.msg import (
     LeaseHeartbeat,
     PredictionResidual,
     SafetyState,
+    SwapProgress,
     TendonOwners,
     TendonStatusArray,
 )
@@ -107,9 +109,11 @@ class GraspMixManager(CellNode):
         )
         self._driver = DriverLink(self._node_io, self._slots, self._lease, motion_limits(values))
         self._grasp = GraspServer(self._node_io, self._cell, self._driver, self._grasp_settings)
-        lock, check = DriveLock(self._node_io, WHO), check_settings(values)
+        progress_publisher = self.create_publisher(SwapProgress, "cell/swap_progress", LATCHED)
+        self._swap_progress = SwapProgressLog(self._cell, progress_publisher.publish, self._node_io.now_ns)
+        lock, check, limit_s = DriveLock(self._node_io, WHO), check_settings(values), values["swap_limit_s"]
         self._swap = SwapServer(
-            self._node_io, self._cell, self._driver, lock, check, self._slots, values["swap_limit_s"]
+            self._node_io, self._cell, self._driver, lock, self._swap_progress, check, self._slots, limit_s
         )
         RecordServer(self._node_io, self._cell, self._library, self._journal, self._publish_state)
         self._state_publisher = self.create_publisher(CellState, "cell/state", LATCHED)
@@ -353,6 +357,7 @@ class GraspMixManager(CellNode):
             self._published = compared
             stamp = to_time_message(self._node_io.now_ns())
             self._state_publisher.publish(convert.cell_state(stamp, int(self._cell.mode), self._cell.slots(), numbers))
+        self._swap_progress.publish_changes()
 
 
 def main(args: Sequence[str] | None = None) -> int:

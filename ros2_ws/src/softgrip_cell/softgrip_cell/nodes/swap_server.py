@@ -20,6 +20,7 @@ from softgrip_cell.gates import SafetyFacts
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.drive_lock import DriveLock
 from softgrip_cell.nodes.driver_link import DriverLink, MoveEnd
+from softgrip_cell.nodes.swap_progress import SwapProgressLog
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
 from softgrip_cell.storage.journal import HeldLock, SwapOutcome
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
@@ -58,6 +59,7 @@ class SwapServer:
         cell: its rules and what it holds.
         driver: moves the tendons.
         lock: of the drives.
+        progress: says to everybody where the swap stands.
         settings: of the check.
         slots: tendon names, in slot order.
         limit_s: longest swap [s].
@@ -69,6 +71,7 @@ class SwapServer:
         cell: Cell,
         driver: DriverLink,
         lock: DriveLock,
+        progress: SwapProgressLog,
         settings: CheckSettings,
         slots: Sequence[str],
         limit_s: float,
@@ -77,6 +80,7 @@ class SwapServer:
         self._cell = cell
         self._driver = driver
         self._lock = lock
+        self._progress = progress
         self._settings = settings
         self._slots = tuple(slots)
         self._limit_s = limit_s
@@ -170,6 +174,7 @@ class SwapServer:
         self._sequence, self._goal, self._ended = sequence, goal_handle, None
         self._token = self._node_io.draw_token()
         self._started_s = self._cell.now_s()
+        self._progress.publish_start(goal_handle.goal_id.uuid, sequence.finger_set.id)
         outcome, reason, checks = await self._swapped(sequence)
         self._goal, self._closing, self._slack = None, None, None
         duration_s = self._cell.now_s() - self._started_s
@@ -178,6 +183,7 @@ class SwapServer:
         await self._give_back()
         self._sequence = None
         self._cell.end_swap(sequence, outcome, reason, duration_s, checks)
+        self._progress.publish_end(outcome, reason)
         if outcome is SwapOutcome.SUCCEEDED:
             goal_handle.succeed()
         elif goal_handle.is_cancel_requested:
@@ -385,6 +391,7 @@ class SwapServer:
                 token=self._token,
             )
         )
+        self._progress.publish_step(turn)
 
     def _on_confirm(self, request: ConfirmStep.Request, response: ConfirmStep.Response) -> ConfirmStep.Response:
         return answer(response, lambda: self._confirm(request), RefusedError)

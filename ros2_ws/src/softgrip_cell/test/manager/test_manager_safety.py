@@ -20,9 +20,9 @@ from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
 from softgrip_cell.nodes.grasp_mix_manager import START_S
 from softgrip_cell.nodes.tendon_lease import HAND_OVER_S
 from softgrip_interfaces.action import Grasp, MoveTendon, SwapFingers
-from softgrip_interfaces.msg import CellState, TendonStatus
-from softgrip_interfaces.srv import AcquireLock
-from softgrip_nodekit import RELIABLE
+from softgrip_interfaces.msg import CellState, SwapProgress, TendonStatus
+from softgrip_interfaces.srv import AcquireLock, ConfirmStep
+from softgrip_nodekit import LATCHED, RELIABLE, seconds
 
 pytestmark = pytest.mark.ros
 
@@ -178,6 +178,75 @@ def test_the_controllers_client_ends_what_its_swap_left_locked(cell: Any) -> Non
     cell.controller.hands_out()
     cell.state(lambda s: s.mode == CellState.IDLE, "mode idle")
     assert not cell.driver.guard.locked
+
+
+def progress_of(cell: Any) -> list[SwapProgress]:
+    """What cell/swap_progress says to somebody who comes now; filled as messages come."""
+    found: list[SwapProgress] = []
+    cell.node.create_subscription(SwapProgress, "cell/swap_progress", found.append, LATCHED)
+    cell.until(lambda: bool(found), 5.0, "cell/swap_progress")
+    return found
+
+
+def test_everybody_can_follow_a_swap_and_nobody_gets_its_token(cell: Any) -> None:
+    cell.start()
+    heard = progress_of(cell)
+    (before,) = heard
+    assert before == SwapProgress(header=before.header)  # no swap in this run
+    client = ActionClient(cell.node, SwapFingers, "cell/swap")
+    cell.until(client.server_is_ready, 10.0, "cell/swap")
+    feedback: list[SwapFingers.Feedback] = []
+    goal = SwapFingers.Goal(finger_set="power")
+    sent = client.send_goal_async(goal, feedback_callback=lambda message: feedback.append(message.feedback))
+    handle = cell.wait(sent, 5.0, "a goal handle")
+    for name, serials in (("open_palm", []), ("remove", []), ("insert", cell.serials("PW")), ("close_palm", [])):
+        number = getattr(SwapFingers.Feedback, name.upper())
+        cell.until(lambda number=number: heard[-1].step == number, 5.0, f"cell/swap_progress at {name}")
+        cell.until(lambda number=number: feedback[-1].step == number, 5.0, f"feedback at {name}")
+        assert (heard[-1].running, heard[-1].confirmation) == (True, True)
+        assert heard[-1].instruction == feedback[-1].instruction
+        if name == "remove":
+            late = progress_of(cell)[0]  # somebody else comes in the midst of it
+        assert cell.confirm(name, feedback[-1].token, serials).success
+    assert (late.running, late.step, late.finger_set) == (True, SwapFingers.Feedback.REMOVE, "power")
+    assert bytes(bytearray(late.goal_id)) == bytes(bytearray(handle.goal_id.uuid))
+    assert 0.0 < seconds(late.since) < seconds(late.header.stamp)
+    result = cell.wait(handle.get_result_async(), 10.0, "a result").result
+    cell.until(lambda: not heard[-1].running, 5.0, "the end on cell/swap_progress")
+    end = heard[-1]
+    assert (end.outcome, end.reason, end.confirmation, end.step) == (result.outcome, result.reason, False, 0)
+    assert len(feedback[0].token) == 32
+    assert not any(feedback[0].token in str(message) for message in (*heard, late))
+
+
+def test_a_refused_swap_leaves_the_progress_of_the_last_one(cell: Any) -> None:
+    cell.start()
+    heard = progress_of(cell)
+    assert cell.swap("claw").outcome == SwapFingers.Result.REFUSED
+    assert cell.swap().outcome == SwapFingers.Result.SUCCEEDED
+    cell.until(lambda: heard[-1].outcome == SwapFingers.Result.SUCCEEDED, 5.0, "the end")
+    assert {message.finger_set for message in heard} <= {"", "power"}
+
+
+def test_hands_inside_are_said_also_by_a_manager_that_was_killed_and_gone_when_they_are_out(cell: Any) -> None:
+    cell.start("swap_limit_s:=5.0")
+
+    def wrong(step: str, _instruction: str) -> list[str]:
+        return ["wrong"] * 3 if step == "insert" else []
+
+    assert "not done within 5 s" in cell.controller.swap("power", wrong, timeout_s=20.0).reason
+    heard = progress_of(cell)
+    cell.until(lambda: not heard[-1].running, 5.0, "the end")
+    assert (heard[-1].step, heard[-1].confirmation) == (ConfirmStep.Request.HANDS_OUT, True)
+    assert (heard[-1].outcome, heard[-1].finger_set) == (SwapFingers.Result.FAILED, "power")
+    cell.stop(signal.SIGKILL)
+    heard.clear()
+    cell.start(mode=CellState.SWAPPING)
+    cell.until(lambda: bool(heard), 5.0, "cell/swap_progress of the next manager")
+    assert (heard[-1].step, heard[-1].confirmation, heard[-1].finger_set) == (10, True, "power")
+    cell.controller.hands_out()
+    cell.until(lambda: not heard[-1].confirmation, 5.0, "hands that are out")
+    assert heard[-1].step == 0
 
 
 # --- leases ----------------------------------------------------------------------------------------------------------

@@ -31,7 +31,7 @@ from softgrip_panel.model.facts import (
 )
 from softgrip_panel.model.friction import FrictionModelView, RigProgress
 from softgrip_panel.model.grasps import GraspHistory
-from softgrip_panel.model.swap import SwapProgress
+from softgrip_panel.model.swap import SwapFollower
 from softgrip_panel.model.weights import WeightCheck
 
 #: Without tendon/status for so long the driver is called silent [s].
@@ -71,7 +71,7 @@ class PanelState:
         self._lock = threading.RLock()
         self.control = ControlDesk(monotonic_s)
         self.alarms = AlarmBook(now_s)
-        self.swap = SwapProgress()
+        self.swap = SwapFollower()
         self.grasps = GraspHistory(now_s)
         self.cell: CellView | None = None
         self.safety: SafetyView | None = None

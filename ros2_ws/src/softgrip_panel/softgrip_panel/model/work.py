@@ -5,34 +5,26 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
+from pathlib import Path
 from typing import Any, Final
 
-from softgrip_panel.errors import ActRefusedError
+from softgrip_panel.errors import ActRefusedError, PanelError
 from softgrip_panel.model import acts
 from softgrip_panel.model.acts import Act, ActResult
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.orders import OrderLine
 from softgrip_panel.model.roles import Person
+from softgrip_panel.model.work_file import MAX_ITEMS, KeptWork, WorkFile, WorkItem, WorkPhase
 
 #: Between looks whether the run goes on [s].
 _POLL_S: Final = 0.1
 #: Outcome of an item that a person left out: it was not tried to its end, so no figure counts it.
 LEFT_OUT: Final = "LEFT_OUT"
-#: An order list holds at most so many grasps.
-MAX_ITEMS: Final = 5000
-
-
-class WorkPhase(StrEnum):
-    """Where the work is."""
-
-    EMPTY = "empty"
-    PLANNED = "planned"
-    RUNNING = "running"
-    PAUSED = "paused"
-    ENDED = "ended"
+#: What a run says that went on when the panel ended.
+RESTARTED: Final = "the panel was started again; the product that was under way then is still to come"
 
 
 @dataclass(frozen=True)
@@ -46,18 +38,6 @@ class PlannedStep:
     expected_success: float
     predicted_time_s: float
     reason: str = ""
-
-
-@dataclass(frozen=True)
-class WorkItem:
-    """One grasp of the run; an empty outcome = still to come."""
-
-    product: str
-    finger_set: str
-    predicted_time_s: float
-    outcome: str = ""
-    reason: str = ""
-    took_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -103,6 +83,7 @@ class WorkRun:
 
     Attributes:
         now_s: monotonic clock [s].
+        problem: why the run is not kept on disk, or why none was found there; empty = it is.
     """
 
     now_s: Callable[[], float]
@@ -115,7 +96,35 @@ class WorkRun:
     message: str = ""
     running_s: float = 0.0
     paused_s: float = 0.0
+    problem: str = ""
     _since_s: float = field(default=0.0, repr=False)
+    _file: WorkFile | None = field(default=None, repr=False)
+    _epoch_s: Callable[[], float] = field(default=time.time, repr=False)
+
+    def keep_in(self, file: Path, epoch_s: Callable[[], float] = time.time) -> None:
+        """Keep the run in a file, and take up the one that an earlier panel left there; what went on is paused.
+
+        Args:
+            file: of this user alone.
+            epoch_s: seconds since the Unix epoch; the time without a panel counts as paused.
+        """
+        self._file, self._epoch_s = WorkFile(file), epoch_s
+        try:
+            kept = self._file.read()
+        except PanelError as error:
+            self.problem = str(error)
+            return
+        if kept is None:
+            return
+        self.items, self.swaps, self.redundant_sets = kept.items, kept.swaps, kept.redundant_sets
+        self.predicted_time_s, self.expected_success = kept.predicted_time_s, kept.expected_success
+        self.running_s, self.paused_s = kept.running_s, kept.paused_s
+        self.phase, self.message = kept.phase, kept.message
+        self._since_s = self.now_s()
+        if self.phase is WorkPhase.RUNNING:
+            self.phase, self.message = WorkPhase.PAUSED, RESTARTED
+        if self.phase is WorkPhase.PAUSED:
+            self.paused_s += max(0.0, epoch_s() - kept.at_s)
 
     def plan(self, steps: Sequence[PlannedStep], answer: Any) -> None:
         """Take a plan; what was planned before is gone."""
@@ -131,17 +140,20 @@ class WorkRun:
         self.running_s = self.paused_s = 0.0
         self.message = ""
         self.phase = WorkPhase.PLANNED
+        self._keep()
 
     def go_to(self, phase: WorkPhase, message: str = "") -> None:
         """Change the phase; time counts where it was spent."""
         now_s = self.now_s()
         self._count(now_s)
         self.phase, self.message = phase, message
+        self._keep()
 
     def finish(self, number: int, outcome: str, reason: str, took_s: float) -> None:
         """Write what came of an item."""
         done = replace(self.items[number], outcome=outcome, reason=reason, took_s=took_s)
         self.items = (*self.items[:number], done, *self.items[number + 1 :])
+        self._keep()
 
     @property
     def next_number(self) -> int | None:
@@ -165,6 +177,21 @@ class WorkRun:
             performance=_share(predicted_s, self.running_s),
             quality=_share(gripped, len(done)),
         )
+
+    def _keep(self) -> None:
+        """Write the run to disk; a disk that takes nothing is a `problem`, not an end."""
+        if self._file is None:
+            return
+        self._count(self.now_s())
+        kept = KeptWork(
+            self._epoch_s(), self.phase, self.message, self.items, self.swaps, self.predicted_time_s,
+            self.expected_success, self.redundant_sets, self.running_s, self.paused_s,
+        )  # fmt: skip
+        try:
+            self._file.write(kept)
+            self.problem = ""
+        except PanelError as error:
+            self.problem = str(error)
 
     def _count(self, now_s: float) -> None:
         passed_s, self._since_s = now_s - self._since_s, now_s

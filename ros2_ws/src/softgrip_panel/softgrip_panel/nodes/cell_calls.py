@@ -31,7 +31,7 @@ class RosCalls:
 
     Args:
         node: makes the clients.
-        on_accepted: called with act, goal and person when an action takes a goal.
+        on_accepted: called with act, goal, the 16 bytes of its identity, and person when an action takes a goal.
         on_feedback: called with each feedback.
         read_result: act, result -> success and words of an action.
     """
@@ -39,7 +39,7 @@ class RosCalls:
     def __init__(
         self,
         node: Node,
-        on_accepted: Hook,
+        on_accepted: Callable[[str, Any, bytes, str], Any],
         on_feedback: Hook,
         read_result: Callable[[str, Any], tuple[bool, str]],
     ) -> None:
@@ -107,7 +107,7 @@ class RosCalls:
         if not handle.accepted:
             return False, f"{act.call.name} rejected the goal; its log says why", None
         self._goals[act.name] = handle
-        self._on_accepted(act.name, goal, who)
+        self._on_accepted(act.name, goal, bytes(bytearray(handle.goal_id.uuid)), who)
         try:
             result = handle.get_result_async()
             if not await wait_for_answer(result, act.timeout_s):

@@ -28,7 +28,7 @@ from softgrip_interfaces.msg import (
     TendonStatus,
     TendonStatusArray,
 )
-from softgrip_interfaces.srv import ListFingers, ListFrictionModels, ListGrasps, ListProducts
+from softgrip_interfaces.srv import ConfirmStep, ListFingers, ListFrictionModels, ListGrasps, ListProducts
 from softgrip_nodekit import seconds
 from softgrip_panel.model.facts import (
     CellView,
@@ -48,6 +48,7 @@ from softgrip_panel.model.friction import MAX_POINTS, FrictionModelView, RigPoin
 from softgrip_panel.model.grasps import FingerDecision
 from softgrip_panel.model.parameters import ParameterKind, ParameterView
 from softgrip_panel.model.shapes import MAX_NODES, PanelShape
+from softgrip_panel.model.swap import SwapPhase, SwapView
 
 #: Bounds of a parameter beyond this are none: the largest double, or whole number, stands for them.
 NO_BOUND = 9.2e18
@@ -250,6 +251,35 @@ def rig_progress(message: messages.RigProgress) -> RigProgress:
         points=tuple(rig_point(one) for one in message.samples[-MAX_POINTS:]),
         message=f"{outcome}: {message.reason}" if outcome else message.reason,
         fitted=message.model,
+    )
+
+
+def swap_progress(message: messages.SwapProgress, ahead_s: float) -> SwapView:
+    """Return cell/swap_progress.
+
+    Args:
+        message: of the manager.
+        ahead_s: by how much this machine's clock is ahead of the cell's [s].
+    """
+    is_locked = message.step == ConfirmStep.Request.HANDS_OUT
+    goal_id = bytes(bytearray(message.goal_id))
+    if message.running:
+        phase = SwapPhase.RUNNING
+    elif is_locked:
+        phase = SwapPhase.HANDS_INSIDE
+    else:
+        phase = SwapPhase.ENDED if message.outcome else SwapPhase.NONE
+    since_s = seconds(message.since)
+    return SwapView(
+        phase,
+        message.finger_set,
+        SWAP_STEPS.get(message.step, ""),
+        message.instruction,
+        bool(message.confirmation),
+        started_s=since_s + ahead_s if since_s else math.nan,
+        success=SWAP_OUTCOMES.get(message.outcome) == "SUCCEEDED",
+        message=message.reason,
+        goal_id=goal_id.hex() if any(goal_id) else "",
     )
 
 

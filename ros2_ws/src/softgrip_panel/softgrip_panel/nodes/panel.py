@@ -24,6 +24,7 @@ from softgrip_interfaces.msg import (
     PredictionResidual,
     RigProgress,
     SafetyState,
+    SwapProgress,
     TendonOwners,
     TendonStatusArray,
 )
@@ -61,6 +62,7 @@ from softgrip_panel.nodes import convert
 from softgrip_panel.nodes.cell_calls import RosCalls
 from softgrip_panel.nodes.parameter_reader import RosParameters
 from softgrip_panel.texts import Texts
+from softgrip_time.units import to_s
 
 if TYPE_CHECKING:
     from softgrip_panel.web.site import PanelSite
@@ -81,7 +83,11 @@ PARAMETERS = ParameterTable(
     ),
     Parameter("tls_certificate", "", "PEM file with the certificate; empty = no TLS"),
     Parameter("tls_key", "", "PEM file with the certificate's key"),
-    Parameter("state_dir", "", "folder for the record of acts and a swap that is going on; empty = kept nowhere"),
+    Parameter(
+        "state_dir",
+        "",
+        "folder for the record of acts, the order list and a swap under way; empty = kept nowhere",
+    ),
     Parameter("bags_dir", "", "folder of the recorder's bags on this machine; empty = none are listed"),
     Parameter("language", "en", "catalogue of texts"),
     Parameter("watched_finger", "index", "the finger in front of the camera"),
@@ -152,8 +158,13 @@ class PanelNode(CellNode):
         rule = OriginRule(port, tls is not None, names)
         sessions = Sessions(time.monotonic, self._state.control.forget)
         desk = ActDesk(self._state, self._calls, self._record)
+        run = self._run = WorkRun(time.monotonic)
+        if values["state_dir"]:
+            run.keep_in(Path(values["state_dir"]) / "work.json")
+        if run.problem:
+            self.get_logger().warning(run.problem)
         site = PanelSite(
-            desk, Worker(desk, WorkRun(time.monotonic)), texts, accounts, sessions, LoginBrake(time.monotonic), rule,
+            desk, Worker(desk, run), texts, accounts, sessions, LoginBrake(time.monotonic), rule,
             BagJobs(BagFolder(Path(values["bags_dir"]) if values["bags_dir"] else None)), self.get_namespace(),
             log=self.get_logger().warning,
         )  # fmt: skip
@@ -176,6 +187,7 @@ class PanelNode(CellNode):
             SafetyState, "safety/state", lambda message: state.observe_safety(convert.safety_view(message)), LATCHED
         )
         self.create_subscription(TendonOwners, "tendon/owners", self._on_owners, LATCHED)
+        self.create_subscription(SwapProgress, "cell/swap_progress", self._on_swap_progress, LATCHED)
         self.create_subscription(RigProgress, "rig/progress", self._on_rig_progress, LATCHED)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         for kind, topic in (
@@ -283,7 +295,7 @@ class PanelNode(CellNode):
             self._ask(self._finger_client, ListFingers.Request(), self._on_fingers)
             self._ask(self._friction_client, ListFrictionModels.Request(), self._on_friction)
             self._ask(self._grasp_client, ListGrasps.Request(limit=200), self._on_grasps)
-        problem = self._record.problem
+        problem = self._record.problem or self._run.problem
         health = Health.WARN if problem else Health.OK
         self._diagnostics.set("page", health, problem or "serves", {"pages": self._site.viewers})
 
@@ -330,6 +342,11 @@ class PanelNode(CellNode):
     def _on_rig_progress(self, message: RigProgress) -> None:
         self._state.rig = convert.rig_progress(message)
 
+    def _on_swap_progress(self, message: SwapProgress) -> None:
+        ahead_s = time.time() - to_s(self.get_clock().now().nanoseconds)
+        with self._state.locked() as state:
+            state.swap.observe_progress(convert.swap_progress(message, ahead_s))
+
     @staticmethod
     def _ask(client: Any, request: Any, on_answer: Any) -> None:
         """Call a service that is there."""
@@ -341,10 +358,10 @@ class PanelNode(CellNode):
         if self._audit_client.service_is_ready():
             self._audit_client.call_async(WriteAudit.Request(who=who, action=act, subject=subject, detail=detail))
 
-    def _on_accepted(self, act: str, goal: Any, who: str) -> None:
+    def _on_accepted(self, act: str, goal: Any, goal_id: bytes, who: str) -> None:
         if act == "swap":
             with self._state.locked() as state:
-                state.swap.begin_swap(goal.finger_set, who, time.time())
+                state.swap.begin_swap(goal.finger_set, who, time.time(), goal_id.hex())
 
     def _on_feedback(self, act: str, feedback: Any, _who: str) -> None:
         if act == "swap":

@@ -212,8 +212,9 @@ class Page:
             alarms = text_element("a", "", "bad", href="/#alarms", id="alarm-count")
             shown.text(alarms, lambda: self.t("alarms.count", count=state.alarms.count))
             shown.visible(alarms, lambda: state.alarms.count > 0)
-            swap = text_element("a", self.t("swap.waits"), href="/swap", id="swap-waits")
-            shown.visible(swap, lambda: state.swap.view.is_open and state.swap.view.needs_confirmation)
+            swap = text_element("a", "", href="/swap", id="swap-waits")
+            shown.text(swap, lambda: self.t("swap.foreign_waits" if state.swap.view.is_foreign else "swap.waits"))
+            shown.visible(swap, lambda: state.swap.view.is_waiting)
             rig = text_element("a", self.t("friction.waits"), href="/friction", id="rig-waits")
             shown.visible(rig, lambda: state.rig.needs_confirmation)
 

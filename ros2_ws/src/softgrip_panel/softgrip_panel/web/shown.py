@@ -49,10 +49,10 @@ class ShownParts:
         made: dict[Hashable, Any] = {}
 
         def write(value: Any) -> None:
-            wanted = dict.fromkeys(list_rows(value))
-            for gone in [row for row in made if row not in wanted]:
+            current = dict.fromkeys(list_rows(value))
+            for gone in [row for row in made if row not in current]:
                 made.pop(gone).delete()
-            for place, row in enumerate(wanted):
+            for place, row in enumerate(current):
                 if row not in made:
                     with holder:
                         made[row] = make(row)

@@ -45,6 +45,10 @@ def _step(page: Page) -> str:
     return HANDS_OUT if view.phase is SwapPhase.HANDS_INSIDE else view.step if view.is_open else ""
 
 
+def _asks_serials(page: Page) -> bool:
+    return _step(page) == ASKS_SERIALS and _view(page).can_be_confirmed
+
+
 def _now(page: Page) -> None:
     shown = page.shown
     with card(page, "swap.now", "swap-now"):
@@ -54,6 +58,8 @@ def _now(page: Page) -> None:
                 shown.state(item, functools.partial(_step_state, page, step))
         instruction = text_element("p", "", "instruction", id="instruction", role="status", aria_live="assertive")
         shown.text(instruction, lambda: _instruction(page))
+        foreign = text_element("p", page.t("swap.foreign"), "note", id="swap-foreign", role="status")
+        shown.visible(foreign, lambda: _view(page).is_foreign and _view(page).is_open)
         holder = element("div", classes="drawing")
 
         def draw(now: tuple[str, int]) -> None:
@@ -73,17 +79,15 @@ def _confirmation(page: Page) -> None:
     with element("div", classes="stack"):
         serials = ui.input(page.t("swap.serials")).props("outlined autofocus").classes("serials")
         serials.props["input-aria-label"] = page.t("swap.serials")
-        shown.visible(serials, lambda: _step(page) == ASKS_SERIALS)
+        shown.visible(serials, lambda: _asks_serials(page))
         hint = text_element("p", page.t("swap.serials_hint"), "note")
-        shown.visible(hint, lambda: _step(page) == ASKS_SERIALS)
+        shown.visible(hint, lambda: _asks_serials(page))
         problem = text_element("p", "", "problem", role="alert", id="swap-problem")
 
         def answered(result: ActResult) -> None:
             problem.set_text("" if result.success else result.message)
             if result.success:
                 serials.value = ""
-                with page.state.locked() as state:
-                    state.swap.confirm(result.message)
 
         def confirm() -> None:
             step, slots = _step(page), _slots(page)
@@ -114,11 +118,11 @@ def _confirmation(page: Page) -> None:
 
         serials.on("keydown.enter", scanned)
         propose = page.button("swap.propose", lambda: serials.set_value(" ".join(_usable(page))), name="propose")
-        shown.visible(propose, lambda: _step(page) == ASKS_SERIALS)
+        shown.visible(propose, lambda: _asks_serials(page))
         with element("div", classes="row"):
             done = page.button("swap.done", confirm, "big", name="step-done")
             shown.text(done, lambda: page.t("swap.hands_out" if _step(page) == HANDS_OUT else "swap.done"))
-            shown.visible(done, lambda: _view(page).needs_confirmation)
+            shown.visible(done, lambda: _view(page).can_be_confirmed)
             shown.enabled(done, lambda: page.may_act)
             cancel = page.button("swap.cancel", lambda: page.desk.stop_action(page.person, "swap"), name="swap-cancel")
             shown.visible(cancel, lambda: _view(page).phase is SwapPhase.RUNNING)
@@ -222,6 +226,8 @@ def _instruction(page: Page) -> str:
     view = _view(page)
     if view.phase is SwapPhase.NONE:
         return page.t("swap.none")
+    if view.phase is SwapPhase.HANDS_INSIDE and view.is_foreign:
+        return page.t("swap.foreign_hands_inside")
     if view.phase is SwapPhase.HANDS_INSIDE:
         return page.t("swap.hands_inside")
     if view.phase is SwapPhase.ENDED:

@@ -13,7 +13,8 @@ from softgrip_panel.model import acts
 from softgrip_panel.model.facts import ProductView
 from softgrip_panel.model.orders import MAX_BYTES, read_orders
 from softgrip_panel.model.roles import Role
-from softgrip_panel.model.work import WorkItem, WorkOptions, WorkPhase, WorkRun
+from softgrip_panel.model.work import WorkOptions, WorkRun
+from softgrip_panel.model.work_file import WorkItem, WorkPhase
 from softgrip_panel.web.parts import card, row, table
 from softgrip_panel.web.shell import Page, element, text_element
 
@@ -82,8 +83,8 @@ def _run(page: Page, run: WorkRun) -> None:
         shown.text(
             text_element("p", "", "instruction", id="work-phase"), lambda: page.t(f"work.phase_{run.phase.value}")
         )
-        message = text_element("p", "", "problem", role="status")
-        shown.text(message, lambda: run.message)
+        message = text_element("p", "", "problem", role="status", id="work-message")
+        shown.text(message, lambda: "; ".join(filter(None, (run.message, run.problem))))
         with element("dl", classes="pairs"):
             row(page, "work.swaps", lambda: str(run.swaps), "plan-swaps")
             row(page, "work.minutes", lambda: f"{run.predicted_time_s / 60.0:.1f}", "plan-minutes")
