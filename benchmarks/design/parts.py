@@ -30,6 +30,7 @@ from _slicer import has_slicer, slice_part
 
 from softgrip_description.hand import Hand, load_hand, shipped_hand
 from softgrip_design.hand import FINGERS, blank, profile
+from softgrip_design.parts.drives import FACES, min_spool_radius_mm
 from softgrip_design.parts.files import write_part
 from softgrip_design.parts.finger_form import finger_form
 from softgrip_design.parts.forms import PartError
@@ -43,8 +44,11 @@ HAND = shipped_hand()
 FIVE = load_hand(Path(__file__).with_name("five_fingers.yaml"))
 #: [deg] of the little finger's grooves: with 90 its middle link of 20 mm has no room between two of them
 LITTLE_OPENING_DEG = 75.0
+CABLE_RADIUS_MM = 0.125
 READER = Path(__file__).with_name("_step_reader.py")
 GOAL_UM = 10.0
+#: Radius of the spools: every servo's horn has room below it.
+SPOOL_MM = float(max(math.ceil(min_spool_radius_mm(face, CABLE_RADIUS_MM)) for face in FACES))
 SEED = 1
 
 
@@ -194,7 +198,7 @@ class Made:
         """Make a finger and write its files into a folder."""
         folder.mkdir()
         try:
-            finger = finger_form(design, 0.125, slot, palm_seat(hand, slot), "")
+            finger = finger_form(design, CABLE_RADIUS_MM, slot, palm_seat(hand, slot), "")
         except PartError:
             self.refused += 1
             return
@@ -227,7 +231,7 @@ def measure(folder: Path, count: int, python: str) -> None:
               note=f"largest of every h, l, r, opening, link, width, height; STEP read by gmsh; {fingers}; median "
               f"{statistics.median(errors):.2g} um")  # fmt: skip
     started = time.perf_counter()
-    whole = whole_kit(load_directory(shipped_directory())["power"], HAND, 10.0)
+    whole = whole_kit(load_directory(shipped_directory())["power"], HAND, SPOOL_MM)
     kit = (*whole.others, *(form for other in whole.instead for form in other.forms))
     paths = [path for form in kit for path in write_part(make_solid(form), folder)]
     hand_s = time.perf_counter() - started + 3.0 * statistics.median(made.seconds)

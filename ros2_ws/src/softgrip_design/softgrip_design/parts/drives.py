@@ -97,7 +97,7 @@ FACES = (
         horn_hole_radius_mm=1.35,
         screws=(("M2.5 x 6, plate", 2), ("M2.5 x 12, spool", 8)),
         source="ROBOTIS drawings XM540/XH540/XD540 (HINGE), 18 Mar 2019, and HN13-N101, 22 May 2019 (e-manual "
-        "XM540-W270, Drawings)",
+        "XM540-W270, Drawings); its horn wants a spool of 13 mm or more, tendon_driver one of 25 mm (docs/driver.md)",
         horn_thread_mm=2.5,
     ),
     ServoFace(
