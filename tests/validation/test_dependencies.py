@@ -56,6 +56,7 @@ OPTIONAL = {
     ("softgrip_bag/rerun_file.py", "rerun"),
     ("softgrip_design/capture/detector.py", "mediapipe"),
     ("softgrip_design/parts/files.py", "lib3mf"),
+    ("softgrip_design/parts/solid.py", "OCP"),
     ("softgrip_design/parts/solid.py", "build123d"),
     ("softgrip_design/parts/solid.py", "manifold3d"),
     ("softgrip_testing/browser.py", "axe_selenium_python"),

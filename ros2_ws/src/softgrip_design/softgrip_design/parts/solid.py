@@ -154,7 +154,9 @@ def _problems(solid: Solid, channels: tuple[Bore, ...]) -> list[str]:
 
     found = []
     if not solid.shape.is_valid:
-        found.append("Open CASCADE finds its surface not closed, or cutting itself (BRepCheck)")
+        found.append("Open CASCADE finds its surface not closed (BRepCheck)")
+    elif cuts_itself(solid.shape):
+        found.append("its surface cuts itself (Open CASCADE's BOPAlgo_ArgumentAnalyzer)")
     body = m.Manifold(m.Mesh64(solid.vertices, solid.triangles.astype(np.uint64)))
     if body.status() != m.Error.NoError:
         found.append(f"its triangles are not watertight (manifold3d: {body.status().name})")
@@ -163,6 +165,21 @@ def _problems(solid: Solid, channels: tuple[Bore, ...]) -> list[str]:
     else:
         found += [text for bore in channels for text in _channel_problems(m, body, bore)]
     return found
+
+
+def cuts_itself(shape: Any) -> bool:
+    """Whether faces of a solid cross each other: neither BRepCheck nor manifold3d look for that.
+
+    Args:
+        shape: build123d's Solid [mm].
+    """
+    from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer  # noqa: PLC0415  comes with build123d
+
+    analyzer = BOPAlgo_ArgumentAnalyzer()
+    analyzer.SetShape1(shape.wrapped)
+    analyzer.SelfInterMode = True
+    analyzer.Perform()
+    return bool(analyzer.HasFaulty())
 
 
 def _channel_problems(m: Any, body: Any, bore: Bore) -> list[str]:

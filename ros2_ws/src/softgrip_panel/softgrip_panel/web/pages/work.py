@@ -169,7 +169,7 @@ def _products(page: Page) -> None:
             for one in products:
                 with element("tr"):
                     text_element("td", one.id)
-                    text_element("td", one.grasp)
+                    text_element("td", one.grasp, "whole")
                     text_element("td", ", ".join(f"{name}: {mark or '-'}" for name, mark in one.table_marks.items()))
                     text_element("td", _measured(one))
 
