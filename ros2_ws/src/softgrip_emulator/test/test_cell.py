@@ -325,7 +325,7 @@ def test_a_plan_is_followed(cell, until):
     now_s = cell.clock.now_s()
     cell.faults.follow(
         read_plan(f"""
-        - {{fault: servo_silent, at_s: {now_s + 0.05}, target: thumb, duration_s: 0.1}}
+        - {{fault: servo_silent, at_s: {now_s + 0.05}, target: thumb, duration_s: 1.0}}
         - {{fault: camera_dark, at_s: {now_s}}}
     """)
     )
