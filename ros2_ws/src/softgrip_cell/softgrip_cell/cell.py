@@ -186,7 +186,7 @@ class Cell:
         self._counts = self._journal.counts()
         cut = self.cut_off
         if cut is not None:
-            self._note = f"restarted during {cut.kind} '{cut.subject}' at step '{cut.step}'"
+            self._note = cut.text
             if cut.kind == "grasp":
                 self._busy, self._product = CellMode.UNKNOWN, cut.subject
                 self._note += "; a product may be held: call tendon/release when it may be let go"

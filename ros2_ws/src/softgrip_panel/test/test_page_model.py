@@ -51,8 +51,8 @@ from softgrip_panel.model.records import GraspFilter, export_csv, grasp_rows
 from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import SILENCE_S, PanelState
 from softgrip_panel.model.swap import HANDS_OUT, SwapFollower, SwapPhase, SwapView
-from softgrip_panel.model.work import LEFT_OUT, PlannedStep, Worker, WorkOptions, WorkRun
-from softgrip_panel.model.work_file import WorkPhase
+from softgrip_panel.model.work import PlannedStep, Worker, WorkOptions, WorkRun
+from softgrip_panel.model.work_file import LEFT_OUT, WorkPhase
 from softgrip_testing.manual_clock import ManualClock
 
 ADA = Person("a", "Ada", Role.OPERATE)

@@ -67,7 +67,7 @@ class SwapProgressLog:
         cut = self._cell.cut_off
         if not self._progress.finger_set and cut is not None and cut.kind == "swap":
             self._progress.finger_set, self._progress.outcome = cut.subject, SwapOutcome.FAILED
-            self._progress.reason = f"restarted during {cut.kind} '{cut.subject}' at step '{cut.step}'"
+            self._progress.reason = cut.text
         self._set_waiting()
         self._send()
 

@@ -59,6 +59,11 @@ class OpenOperation:
     subject: str
     step: str
 
+    @property
+    def text(self) -> str:
+        """What a node says of it that was started again in its midst."""
+        return f"restarted during {self.kind} '{self.subject}' at step '{self.step}'"
+
 
 @dataclass(frozen=True)
 class HeldLock:

@@ -155,7 +155,7 @@ def _problems(solid: Solid, channels: tuple[Bore, ...]) -> list[str]:
     found = []
     if not solid.shape.is_valid:
         found.append("Open CASCADE finds its surface not closed (BRepCheck)")
-    elif cuts_itself(solid.shape):
+    elif _cuts_itself(solid.shape):
         found.append("its surface cuts itself (Open CASCADE's BOPAlgo_ArgumentAnalyzer)")
     body = m.Manifold(m.Mesh64(solid.vertices, solid.triangles.astype(np.uint64)))
     if body.status() != m.Error.NoError:
@@ -167,7 +167,7 @@ def _problems(solid: Solid, channels: tuple[Bore, ...]) -> list[str]:
     return found
 
 
-def cuts_itself(shape: Any) -> bool:
+def _cuts_itself(shape: Any) -> bool:
     """Whether faces of a solid cross each other: neither BRepCheck nor manifold3d look for that.
 
     Args:

@@ -25,7 +25,7 @@ from softgrip_model.finger.hand import Softening, log_odds_of_heat
 from softgrip_model.finger.hypotheses import Cause, OwnClosing, Weighed, hypotheses, proportional, weigh
 from softgrip_model.finger.learning import SAMPLING, Expectation, Knowledge, measured
 from softgrip_model.finger.uncertainty import STATED, Causes
-from softgrip_model.finger.wear import WearVerdict
+from softgrip_model.finger.wear import LEARNING, WearVerdict
 from softgrip_time.units import to_s
 
 Array = NDArray[np.float64]
@@ -326,7 +326,7 @@ class CauseWatch:
     def judge(self) -> tuple[WearVerdict, str]:
         """Return the verdict and what follows from it, in words."""
         if self.closings < self._settings.baseline:
-            return WearVerdict.OK, f"learning the baseline: closing {self.closings} of {self._settings.baseline}"
+            return WearVerdict.OK, f"{LEARNING}: closing {self.closings} of {self._settings.baseline}"
         if not self.diagnosis.explanations:
             return WearVerdict.OK, ""
         found = "; or ".join(f"{one.cause} {one.amount}: {REMEDIES[one.cause]}" for one in self.diagnosis.explanations)

@@ -37,6 +37,9 @@ _MIN_SHIFT, _LARGEST_SHIFT = -0.9, 4.0
 #: Beside a shift of the friction, one of the stiffness with a smaller share of its deviations is what the model lacks.
 _MIN_BESIDE = 0.25
 
+#: So a reason begins before there is a verdict.
+LEARNING = "learning the baseline"
+
 
 class WearVerdict(IntEnum):
     """What to do about a finger."""
@@ -182,7 +185,7 @@ class WearMonitor:
     def judge(self) -> tuple[WearVerdict, str]:
         """Return the verdict and what moved, by how much."""
         if not self._stiffness.ready:
-            return WearVerdict.OK, f"learning the baseline: closing {self.closings} of {self._settings.baseline}"
+            return WearVerdict.OK, f"{LEARNING}: closing {self.closings} of {self._settings.baseline}"
         limit = self._settings.limit
         friction, stiffness = (f"{100 * cusum.last:+.0f} %" for cusum in (self._friction, self._stiffness))
         both = f"friction {friction}, stiffness {stiffness} against the calm ones of {self.closings} closings"

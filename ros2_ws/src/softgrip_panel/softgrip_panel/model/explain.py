@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from softgrip_driver.faults import FAULTS, Recovery
+from softgrip_model.finger.wear import LEARNING
 from softgrip_panel.model.alarms import AlarmFact, AlarmLevel
 from softgrip_panel.model.facts import CellView, ComponentHealth, ResidualView, SafetyView, StopPolicyView, TendonView
 from softgrip_panel.model.swap import HANDS_OUT, RESTARTED
@@ -22,8 +23,6 @@ Line = tuple[str, dict[str, Any]]
 MANAGER: Final = "grasp_mix_manager"
 #: Its lock outside a swap is an alarm after so long [s]: safety/state and cell/state do not come at one instant.
 LOCK_LASTS_S: Final = 1.0
-#: What a finger's residual says before its first verdict.
-LEARNING: Final = "learning the baseline"
 #: Modes in which a product may be between the fingers.
 _HOLDING: Final = frozenset({"GRASPING", "HOLDING", "UNKNOWN"})
 #: Levels of /diagnostics.

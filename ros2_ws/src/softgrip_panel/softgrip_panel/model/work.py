@@ -17,12 +17,10 @@ from softgrip_panel.model.acts import Act, ActResult
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.orders import OrderLine
 from softgrip_panel.model.roles import Person
-from softgrip_panel.model.work_file import MAX_ITEMS, KeptWork, WorkFile, WorkItem, WorkPhase
+from softgrip_panel.model.work_file import LEFT_OUT, MAX_ITEMS, VERDICTS, KeptWork, WorkFile, WorkItem, WorkPhase
 
 #: Between looks whether the run goes on [s].
 _POLL_S: Final = 0.1
-#: Outcome of an item that a person left out: it was not tried to its end, so no figure counts it.
-LEFT_OUT: Final = "LEFT_OUT"
 #: What a run says that went on when the panel ended.
 RESTARTED: Final = "the panel was started again; the product that was under way then is still to come"
 
@@ -312,7 +310,7 @@ class Worker:
         grasp = acts.grasp(item.product, confirm_lift=options.confirm_lift, trial=options.trial)
         result = await self._desk.perform(person, grasp)
         outcome = result.message.partition(":")[0]
-        if result.answer is None or outcome not in {"GRIPPED", "EMPTY", "SLIPPED"}:
+        if result.answer is None or outcome not in VERDICTS:
             return result.message  # nothing was judged: the item is still to come
         self.run.finish(number, outcome, result.message, self.run.now_s() - began_s)
         problem = await self._must(person, acts.release())

@@ -16,8 +16,12 @@ from softgrip_panel.errors import PanelError
 
 #: An order list holds at most so many grasps.
 MAX_ITEMS: Final = 5000
-#: What may have come of an item; empty = still to come, LEFT_OUT = a person took it from the list.
-OUTCOMES: Final = frozenset({"", "GRIPPED", "EMPTY", "SLIPPED", "LEFT_OUT"})
+#: Verdicts that end an item; whatever else a grasp ends with leaves it still to come.
+VERDICTS: Final = frozenset({"GRIPPED", "EMPTY", "SLIPPED"})
+#: Outcome of an item that a person left out: it was not tried to its end, so no figure counts it.
+LEFT_OUT: Final = "LEFT_OUT"
+#: What may have come of an item; empty = still to come.
+OUTCOMES: Final = VERDICTS | {"", LEFT_OUT}
 
 
 class WorkPhase(StrEnum):
