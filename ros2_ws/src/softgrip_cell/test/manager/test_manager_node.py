@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
@@ -237,7 +238,8 @@ def test_a_driver_that_falls_silent_ends_the_grasp_and_a_manager_that_was_held_u
 
     lost = cell.controller.grasp("orange", on_phase=fall_silent)
     assert GRASP_OUTCOMES[lost.outcome] == "ABORTED"
-    assert "expected tendon/state and tendon/status, found none for 1 s" in lost.reason
+    # One of the last two messages may come a period of the watch after the other; the first gap seen ends it.
+    assert re.search(r"expected tendon/(state|status)( and tendon/status)?, found none for 1 s", lost.reason)
     assert "the fingers hold where they are" in lost.reason
     cell.state(lambda s: s.mode == CellState.UNKNOWN, "mode unknown")
 

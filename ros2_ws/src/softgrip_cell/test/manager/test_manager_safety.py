@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 import resource
 import signal
 import threading
@@ -377,7 +378,8 @@ def test_a_check_that_loses_the_tendons_ends_and_names_who_has_them(cell: Any) -
 def test_a_check_whose_driver_falls_silent_fails(cell: Any) -> None:
     result = in_the_check(cell, lambda: setattr(cell.driver, "quiet", True))
     assert result.outcome == SwapFingers.Result.FAILED
-    assert "expected tendon/state and tendon/status, found none for 1 s" in result.reason
+    # One of the last two messages may come a period of the watch after the other; the first gap seen ends it.
+    assert re.search(r"expected tendon/(state|status)( and tendon/status)?, found none for 1 s", result.reason)
 
 
 def test_a_manager_that_ends_gives_the_tendons_back(cell: Any) -> None:
