@@ -18,7 +18,7 @@ from softgrip_design.commands import parts
 from softgrip_design.parts import bench, drives
 from softgrip_design.parts.assembly import assembly_bodies
 from softgrip_design.parts.files import write_part
-from softgrip_design.parts.forms import Bore, Form, PartError, Prism, rectangle
+from softgrip_design.parts.forms import Bore, Form, PartError, PartPose, Prism, corners, rectangle
 from softgrip_design.parts.kit import fingers_of
 from softgrip_design.parts.palm import finger_pose, palm_forms
 from softgrip_model.profile import FingerDesign, load, shipped_directory
@@ -27,7 +27,8 @@ manifold3d = pytest.importorskip("manifold3d", reason="make parts-setup")
 build123d = pytest.importorskip("build123d", reason="make parts-setup")
 meshio = pytest.importorskip("meshio")
 
-from softgrip_design.parts.solid import Solid, _problems, _triangles, make_solid  # noqa: E402  after the extras
+from softgrip_design.parts.checks import problems_of  # noqa: E402  after the extras
+from softgrip_design.parts.solid import Solid, make_solid, solid_of  # noqa: E402
 
 HAND = shipped_hand()
 POWER = load(shipped_directory() / "power.yaml")
@@ -163,7 +164,7 @@ def dented_box(apex_mm: float) -> Any:
 
 
 def found_in(shape: Any) -> list[str]:
-    return _problems(Solid(Form("dented", "dented box", "pla", (BLOCK,)), shape, *_triangles(shape), shape.volume), ())
+    return problems_of(solid_of(Form("dented", "dented box", "pla", (BLOCK,)), shape), ())
 
 
 def test_a_surface_that_cuts_itself_is_found() -> None:
@@ -173,7 +174,7 @@ def test_a_surface_that_cuts_itself_is_found() -> None:
     assert whole.is_valid
     assert cut.is_valid
     assert found_in(whole) == []
-    assert found_in(cut) == ["its surface cuts itself (Open CASCADE's BOPAlgo_ArgumentAnalyzer)"]
+    assert "its surface cuts itself (Open CASCADE's BOPAlgo_ArgumentAnalyzer)" in found_in(cut)
 
 
 @pytest.mark.skipif(shutil.which("prusa-slicer") is None, reason="no PrusaSlicer here (apt-get install prusa-slicer)")
@@ -209,6 +210,43 @@ def test_a_channel_that_is_cut_or_closed_is_refused(
     channel = Bore((0.0, *bores[0].start[1:]), (20.0, *bores[0].start[1:]), 1.0)
     with pytest.raises(PartError, match=reason):
         make_solid(Form("block", "block", "pla", (BLOCK,), bores, pockets), (channel,))
+
+
+def fin(width_mm: float) -> Prism:
+    return Prism(rectangle((2.0, 2.0 + width_mm), (0.0, 10.0)), 9.0, 15.0)
+
+
+def test_a_wall_thinner_than_the_nozzle_is_refused_wherever_it_stands() -> None:
+    make_solid(Form("b", "b", "pla", (BLOCK, fin(0.5))))
+    with pytest.raises(PartError, match=r"found 0.30 mm at \(2\.[03], \d\.\d, 1[0-5]\.\d\)"):
+        make_solid(Form("b", "b", "pla", (BLOCK, fin(0.3))))
+    # a floor: what a pocket leaves of the block
+    pocket = Prism(rectangle((5.0, 15.0), (2.0, 8.0)), 0.25, 11.0)
+    with pytest.raises(PartError, match=r"found 0.25 mm at"):
+        make_solid(Form("b", "b", "pla", (BLOCK,), (), (pocket,)))
+    # the edge of a wedge of 30 deg is thin, and no wall
+    slope = PartPose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
+    make_solid(Form("w", "w", "pla", (Prism(corners((0.0, 0.0), (20.0, 0.0), (20.0, 11.5)), 0.0, 10.0, slope),)))
+
+
+def test_between_the_strokes_of_letters_is_no_wall_and_below_them_is_one() -> None:
+    strokes = tuple(Prism(rectangle((x, x + 1.0), (2.0, 8.0)), 9.6, 11.0) for x in (5.0, 6.2))  # a rib of 0.2 mm
+    make_solid(Form("b", "b", "pla", (BLOCK,), letters=strokes))
+    with pytest.raises(PartError, match=r"found 0.20 mm at \(6\."):
+        make_solid(Form("b", "b", "pla", (BLOCK,), (), strokes))
+    deep = tuple(Prism(stroke.outline, 0.3, 11.0) for stroke in strokes)
+    with pytest.raises(PartError, match=r"found 0.30 mm at"):
+        make_solid(Form("b", "b", "pla", (BLOCK,), letters=deep))
+
+
+def test_a_marker_seat_near_the_back_is_open_there(index: Solid) -> None:
+    # strips of 2.55 mm behind dots of 2.6 mm radius would leave a sliver: the uppermost layer has none
+    width, h = 1e3 * POWER.finger("index").width_m, 1e3 * POWER.finger("index").thicknesses_m[0]
+    top = body_of(index.vertices, index.triangles).trim_by_plane((0.0, 0.0, 1.0), 0.5 * width - 0.1)
+    assert h == pytest.approx(2.55)
+    for x in (0.0, 0.7):
+        column = top.trim_by_plane((1.0, 0.0, 0.0), x - 0.05).trim_by_plane((-1.0, 0.0, 0.0), -x - 0.05)
+        assert column.trim_by_plane((0.0, 1.0, 0.0), 0.0).is_empty()
 
 
 def test_a_part_in_two_pieces_is_refused() -> None:

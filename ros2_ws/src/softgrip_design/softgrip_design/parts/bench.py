@@ -45,7 +45,7 @@ def guide_block(angle_deg: int, material: str) -> Form:
     ]
     letters = engraving(f"{angle_deg}°", (-22.0, -28.0), 18.0, 7.0, (width - 2.0 * LAYER_MM, width + EDGE_MM))
     return Form(f"guide_block_{angle_deg:02d}_{material}", f"guide block {angle_deg} deg, {material}", material,
-                (Prism(outline, 0.0, width),), tuple(holes), letters.prisms)  # fmt: skip
+                (Prism(outline, 0.0, width),), tuple(holes), letters=letters.prisms)  # fmt: skip
 
 
 def camera_stand() -> Form:

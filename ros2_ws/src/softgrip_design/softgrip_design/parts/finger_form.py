@@ -13,6 +13,8 @@ import itertools
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from softgrip_design.parts import foot
 from softgrip_design.parts.forms import (
     Bore,
@@ -132,11 +134,8 @@ def finger_form(design: FingerDesign, cable_radius_mm: float, name: str, seat: f
         "tpu",
         (Prism(_outline(design, grooves, seat), -0.5 * width_mm, 0.5 * width_mm), _tenon(seat)),
         (_pin(seat), _sheath_seat(channels[0]), *channels, _anchor(channels[-1])),
-        (
-            _key(seat),
-            *_marker_seats(grooves, length_mm, width_mm, seat),
-            *_serial(design, grooves, 0.5 * width_mm, serial, name),
-        ),
+        (_key(seat), *_marker_seats(grooves, length_mm, width_mm, seat)),
+        _serial(design, grooves, 0.5 * width_mm, serial, name),
     )
     depth_mm = 1e3 * design.body_height_m
     return FingerForm(form, grooves, length_mm, width_mm, depth_mm, channel_mm, channels, seat, serial)
@@ -363,13 +362,30 @@ def _anchor(tip_channel: Bore) -> Bore:
 def _marker_seats(
     grooves: tuple[JointGroove, ...], length_mm: float, width_mm: float, seat: foot.Seat
 ) -> tuple[Prism, ...]:
-    """Return a pocket of one layer for the dot on each joint, the tip, and the base where it is out of the palm."""
+    """Return a pocket of one layer for the dot on each joint, the tip, and the base where it is out of the palm.
+
+    Where a dot comes nearer to the finger's back than a nozzle's width, its pocket is open there.
+    """
     radius = 0.5 * MARKER_DIAMETER_MM + MARKER_PLAY_MM
     places = [*(groove.x_mm for groove in grooves), length_mm]
     if seat.shoulder_mm + radius < -BASE_MARKER_MM:
         places.insert(0, -BASE_MARKER_MM)
+    back = np.array([(seat.shoulder_mm, foot.Y_MM[1] + foot.SHOULDER_MM), *_strip_backs(grooves)])
+    outlines = [circle(radius, (x, 0.0)) for x in places]
+    for x in places:
+        beside = np.linspace(-radius, radius, 201)
+        wall = np.interp(x + beside, *back.T) - np.sqrt(radius**2 - beside**2)
+        near = beside[wall < NOZZLE_MM]
+        if near.size:
+            outlines.append(rectangle((x + near[0], x + near[-1]), (0.0, float(back[:, 1].max()) + MARGIN_MM)))
     top = 0.5 * width_mm
-    return tuple(Prism(circle(radius, (x, 0.0)), top - LAYER_MM, top + MARGIN_MM) for x in places)
+    return tuple(Prism(outline, top - LAYER_MM, top + MARGIN_MM) for outline in outlines)
+
+
+def _strip_backs(grooves: tuple[JointGroove, ...]) -> list[Point2]:
+    """Return both ends of every strip on the finger's back, base to tip; between them it is straight."""
+    ends = ((groove.x_mm + side * groove.strip_mm[1], groove.strip_mm[0]) for groove in grooves for side in (-0.5, 0.5))
+    return list(ends)
 
 
 def _serial(

@@ -125,6 +125,7 @@ class Form:
         bodies: united.
         bores: taken away, their mouths rounded.
         pockets: taken away afterwards.
+        letters: engraved last; what is left between their strokes is no wall.
         up: direction of the part that points away from the printer's bed.
         count: how many a hand needs.
     """
@@ -135,6 +136,7 @@ class Form:
     bodies: tuple[Prism, ...]
     bores: tuple[Bore, ...] = ()
     pockets: tuple[Prism, ...] = ()
+    letters: tuple[Prism, ...] = ()
     up: Point3 = (0.0, 0.0, 1.0)
     count: int = 1
 

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Forms as solids, by build123d on Open CASCADE (an extra); and what is checked on every solid."""
+"""Forms as solids, by build123d on Open CASCADE (an extra)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from softgrip_design.parts.checks import problems_of
 from softgrip_design.parts.forms import Bore, Form, Outline, PartError, PartPose, Prism, segments
-from softgrip_design.parts.printing import NOZZLE_MM
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int32]
@@ -20,10 +19,6 @@ Triangles = NDArray[np.int32]
 INSTALL = "make parts-setup"
 #: Longest distance of a triangle from its surface, and the angle between neighbours [rad], of STL and 3MF.
 TOLERANCE_MM, ANGLE_RAD = 0.01, 0.2
-#: How far the volume of the mesh may differ from that of the solid: chords of bores and roundings.
-VOLUME_TOLERANCE = 2e-3
-#: Chords of a round hole leave it by this much at most; a volume below this one is such a chord's.
-CHORD_PLAY_MM, MAX_STRAY_MM3 = 0.03, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +67,17 @@ def make_solid(form: Form, channels: tuple[Bore, ...] = ()) -> Solid:
     shape = _united(b, form)
     # mouths are rounded while there are few edges: letters have hundreds
     shape = _rounded_mouths(b, form, _without(form, shape, [_bored(b, bore) for bore in form.bores]))
-    shape = _without(form, shape, [_extruded(b, prism) for prism in form.pockets])
-    vertices, triangles = _triangles(shape)
-    solid = Solid(form, shape, vertices, triangles, float(shape.volume))
-    problems = _problems(solid, channels)
+    shape = _without(form, shape, [_extruded(b, prism) for prism in (*form.pockets, *form.letters)])
+    solid = solid_of(form, shape)
+    problems = problems_of(solid, channels)
     if problems:
         raise PartError("; ".join(f"{form.title}: {text}" for text in problems))
     return solid
+
+
+def solid_of(form: Form, shape: Any) -> Solid:
+    """Return build123d's Solid of a form with its triangles, unchecked."""
+    return Solid(form, shape, *_triangles(shape), float(shape.volume))
 
 
 def _united(b: Any, form: Form) -> Any:
@@ -146,75 +145,6 @@ def _triangles(shape: Any) -> tuple[Array, Triangles]:
     faces = number.reshape(-1)[np.array(triangles)]
     distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     return vertices, faces[distinct].astype(np.int32)
-
-
-def _problems(solid: Solid, channels: tuple[Bore, ...]) -> list[str]:
-    """Return what is wrong: Open CASCADE's check of the solid, manifold3d's of its triangles, the channels' walls."""
-    import manifold3d as m  # noqa: PLC0415  an extra
-
-    found = []
-    if not solid.shape.is_valid:
-        found.append("Open CASCADE finds its surface not closed (BRepCheck)")
-    elif _cuts_itself(solid.shape):
-        found.append("its surface cuts itself (Open CASCADE's BOPAlgo_ArgumentAnalyzer)")
-    body = m.Manifold(m.Mesh64(solid.vertices, solid.triangles.astype(np.uint64)))
-    if body.status() != m.Error.NoError:
-        found.append(f"its triangles are not watertight (manifold3d: {body.status().name})")
-    elif abs(body.volume() - solid.volume_mm3) > VOLUME_TOLERANCE * solid.volume_mm3:
-        found.append(f"its triangles hold {body.volume():.1f} mm3, the solid {solid.volume_mm3:.1f} mm3")
-    else:
-        found += [text for bore in channels for text in _channel_problems(m, body, bore)]
-    return found
-
-
-def _cuts_itself(shape: Any) -> bool:
-    """Whether faces of a solid cross each other: neither BRepCheck nor manifold3d look for that.
-
-    Args:
-        shape: build123d's Solid [mm].
-    """
-    from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer  # noqa: PLC0415  comes with build123d
-
-    analyzer = BOPAlgo_ArgumentAnalyzer()
-    analyzer.SetShape1(shape.wrapped)
-    analyzer.SelfInterMode = True
-    analyzer.Perform()
-    return bool(analyzer.HasFaulty())
-
-
-def _channel_problems(m: Any, body: Any, bore: Bore) -> list[str]:
-    """Return whether a bore is not open, or has less than a nozzle's width around it, away from its mouths."""
-    wall = bore.radius_mm + NOZZLE_MM
-    # a mouth in an oblique surface begins where the wall's farther side does
-    reach = [
-        2.0 * mouth + beyond * wall / bore.radius_mm
-        for mouth, beyond in zip(bore.mouth_mm, bore.beyond_mm, strict=True)
-    ]
-    name = f"the channel from {bore.start[:2]} to {bore.end[:2]}"
-    found = []
-    if (_rod(m, bore, bore.radius_mm - CHORD_PLAY_MM, reach) ^ body).volume() > MAX_STRAY_MM3:
-        found.append(f"{name} is not open")
-    tube = _rod(m, bore, wall - CHORD_PLAY_MM, reach) - _rod(m, bore, bore.radius_mm + CHORD_PLAY_MM, reach)
-    missing = (tube - body).volume()
-    if missing > MAX_STRAY_MM3:
-        found.append(f"{name}: its wall of {NOZZLE_MM} mm lacks {missing:.3f} mm3; a surface cuts it")
-    return found
-
-
-def _rod(m: Any, bore: Bore, radius_mm: float, reach_mm: Sequence[float]) -> Any:
-    """Return a bore's inside up to a radius, shorter at both ends, as a manifold."""
-    start, end = (np.array(point) for point in (bore.start, bore.end))
-    axis = (end - start) / np.linalg.norm(end - start)
-    length = float(np.linalg.norm(end - start)) - sum(reach_mm)
-    pose = np.column_stack([*_across(axis), axis, start + reach_mm[0] * axis])
-    return m.Manifold.cylinder(length, radius_mm, circular_segments=64).transform(pose)
-
-
-def _across(axis: Array) -> tuple[Array, Array]:
-    """Return two unit vectors that make a right-handed frame with an axis."""
-    first: Array = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
-    first = first / float(np.linalg.norm(first))
-    return first, np.asarray(np.cross(axis, first))
 
 
 def write_step(solid: Solid, path: Path) -> None:
