@@ -32,7 +32,7 @@ def load(name: str) -> ModuleType:
     return load_script(ROOT / f"tools/docs/{name}.py")
 
 
-@pytest.mark.parametrize("name", ["build_wiring", "build_spool", "build_camera", "build_rig"])
+@pytest.mark.parametrize("name", ["build_wiring", "build_spool", "build_knot", "build_camera", "build_rig"])
 def test_a_picture_is_what_the_code_draws(name: str) -> None:
     assert (ROOT / f"docs/figures/{name}.svg").read_text() == load("build").PICTURES[name]()
 

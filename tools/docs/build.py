@@ -138,6 +138,48 @@ def spool() -> str:
     return drawing.svg()
 
 
+def figure_eight(points: int) -> list[tuple[float, float, float]]:
+    """Return a figure-eight knot, opened where it is farthest out: x, y on the page, z towards the eye.
+
+    The closed knot is x = (2 + cos 2t) cos 3t, y = (2 + cos 2t) sin 3t, z = sin 4t (E. W. Weisstein, Figure Eight Knot,
+    MathWorld); its four crossings go over and under by turns.
+    """
+    opening = 0.12
+    turns = (opening + (2.0 * math.pi - 2.0 * opening) * k / (points - 1) for k in range(points))
+    return [
+        (
+            (2.0 + math.cos(2.0 * t)) * math.cos(3.0 * t),
+            (2.0 + math.cos(2.0 * t)) * math.sin(3.0 * t),
+            math.sin(4.0 * t),
+        )
+        for t in turns
+    ]
+
+
+def knot() -> str:
+    """Return the stopper knot, open, as it is tied before it is pulled tight."""
+    drawing = Drawing(760, 330, "Figure-eight stopper knot at the end of the tendon, open: four crossings, by turns")
+    x, y, scale = 170.0, 165.0, 44.0
+    strand = [(x + scale * u, y - scale * v, z) for u, v, z in figure_eight(720)]
+    # the farther half first: what is drawn later lies above, with a margin of paper
+    pieces = [strand[k : k + 14] for k in range(0, len(strand) - 1, 12)]
+    for piece in sorted(pieces, key=lambda one: one[len(one) // 2][2]):
+        line = [(u, v) for u, v, _ in piece]
+        drawing.line(*line[1:-2], colour=PAPER, width=15)
+        drawing.line(*line, colour=GREEN, width=6)
+    for side, text in ((0, "to the groove of the spool, through the knot hole"), (-1, "end of the tendon: leave 5 mm")):
+        u, v, _ = strand[side]
+        away = -1.0 if v < y else 1.0
+        # half a turn of a lobe's end leads away from the knot
+        bend = [(u + 60 * (1.0 - math.cos(a / 20)) + 22 * a / 20, v - away * 38 * math.sin(a / 20)) for a in range(28)]
+        drawing.line(*bend, colour=GREEN, width=6)
+        drawing.text(bend[-1][0] + 14, bend[-1][1] + 5, text)
+    for number, text in enumerate(("make a loop", "lead the end round behind the tendon", "and back through the loop")):
+        drawing.text(430, 20 + 18 * number, f"{number + 1}. {text}", SOFT)
+    drawing.text(430, 20 + 18 * 3, "4. pull it tight before the tendon is wound", SOFT)
+    return drawing.svg()
+
+
 def camera() -> str:
     """Return where the camera and the markers are."""
     design = load(shipped_directory() / "power.yaml").finger("index")
@@ -202,7 +244,7 @@ def rig() -> str:
     return drawing.svg()
 
 
-PICTURES = {"build_wiring": wiring, "build_spool": spool, "build_camera": camera, "build_rig": rig}
+PICTURES = {"build_wiring": wiring, "build_spool": spool, "build_knot": knot, "build_camera": camera, "build_rig": rig}
 
 
 def main() -> int:

@@ -19,6 +19,7 @@ from softgrip_design.parts.kit import fingers_of
 from softgrip_design.parts.palm import palm_forms
 from softgrip_design.parts.picture import write
 from softgrip_design.parts.solid import make_solid
+from softgrip_design.parts.views import views_of
 from softgrip_model.profile import load, shipped_directory
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -78,6 +79,7 @@ def draw() -> None:
     cable_mm = 1e3 * profile.cable.radius_m
     fingers = fingers_of(profile, hand, profile.slots)
     write_svg(figure_of(fingers["index"]), FIGURES / "parts_index.svg")
+    write_svg(views_of(make_solid(palm_forms(hand)[0])), FIGURES / "parts_palm.svg")
     solids = {finger.form.name: make_solid(finger.form, finger.channels) for finger in fingers.values()}
     face, count = drives.FACES[0], len(hand.slots)
     drive = [drives.servo_plate(face, SPOOL_RADIUS_MM, count), drives.spool(face, SPOOL_RADIUS_MM, cable_mm, count)]

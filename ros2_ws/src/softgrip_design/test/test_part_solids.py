@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import shutil
 import subprocess
@@ -17,6 +18,7 @@ from softgrip_description.hand import shipped_hand
 from softgrip_design.commands import parts
 from softgrip_design.parts import bench, drives
 from softgrip_design.parts.assembly import assembly_bodies
+from softgrip_design.parts.drawing import write_svg
 from softgrip_design.parts.files import write_part
 from softgrip_design.parts.forms import Bore, Form, PartError, PartPose, Prism, corners, rectangle
 from softgrip_design.parts.kit import fingers_of
@@ -29,6 +31,7 @@ meshio = pytest.importorskip("meshio")
 
 from softgrip_design.parts.checks import problems_of  # noqa: E402  after the extras
 from softgrip_design.parts.solid import Solid, make_solid, solid_of  # noqa: E402
+from softgrip_design.parts.views import FRONT, LEFT, edges_of, views_of  # noqa: E402
 
 HAND = shipped_hand()
 POWER = load(shipped_directory() / "power.yaml")
@@ -175,6 +178,46 @@ def test_a_surface_that_cuts_itself_is_found() -> None:
     assert cut.is_valid
     assert found_in(whole) == []
     assert "its surface cuts itself (Open CASCADE's BOPAlgo_ArgumentAnalyzer)" in found_in(cut)
+
+
+def test_a_drawing_shows_a_part_as_it_is(tmp_path: Path) -> None:
+    # a step: 20 x 10 below, 8 x 10 above it on the left, a blind hole from above in the lower half
+    step = Prism(rectangle((0.0, 8.0), (0.0, 10.0)), 9.0, 16.0)
+    holes = (Bore((14.0, 4.0, 10.0), (14.0, 4.0, 3.0), 2.0, beyond_mm=(1.0, 0.0)),)
+    solid = make_solid(Form("step", "step", "pla", (BLOCK, step), holes, count=2))
+    write_svg(views_of(solid), tmp_path / "step.svg")
+    drawing = (tmp_path / "step.svg").read_text()
+    texts = re.findall(r">([^<>]+)</text>", drawing)
+    assert [texts.count(size) for size in ("20.00", "16.00", "10.00")] == [2, 2, 2]
+    assert "A: 1 x Ø4.00, along z, 7.00 long, from (14.00, 4.00, 10.00)" in texts
+    assert texts.count("A") == 1
+    seen, hidden = edges_of(solid, FRONT)
+    # from the front: the outline of an L, no edge in it; the hole is hidden behind it
+    assert spans(seen) == {((0.0, 0.0), (20.0, 0.0)), ((20.0, 0.0), (20.0, 10.0)), ((8.0, 10.0), (20.0, 10.0)),
+                           ((8.0, 10.0), (8.0, 16.0)), ((0.0, 16.0), (8.0, 16.0)), ((0.0, 0.0), (0.0, 16.0))}  # fmt: skip
+    assert ((12.0, 3.0), (12.0, 10.0)) in spans(hidden)
+    # from the left it is the wall of 10 x 16, the step's back is hidden, and y runs to the left
+    seen, hidden = edges_of(solid, LEFT)
+    assert {span for span in spans(seen) if span[0] == (-10.0, 0.0)} >= {((-10.0, 0.0), (0.0, 0.0))}
+    assert ((-10.0, 10.0), (0.0, 10.0)) in spans(hidden)
+
+
+def spans(edges: list[np.ndarray]) -> set[tuple[tuple[float, float], tuple[float, float]]]:
+    """Return straight lines as (lower left, upper right), joined where they follow each other, without points."""
+    lines = [edge.round(3) + 0.0 for edge in edges if len(edge) == 2 and np.ptp(edge, axis=0).max() > 1e-3]
+    joined = True
+    while joined:
+        joined = False
+        for a, b in itertools.combinations(range(len(lines)), 2):
+            both = np.vstack([lines[a], lines[b]])
+            axis = int(np.ptp(both, axis=0).argmax())
+            flat = np.ptp(both[:, 1 - axis]) < 1e-3
+            if flat and np.ptp(both[:, axis]) <= np.ptp(lines[a][:, axis]) + np.ptp(lines[b][:, axis]) + 1e-3:
+                lines = [line for k, line in enumerate(lines) if k not in {a, b}]
+                lines.append(np.array([both.min(axis=0), both.max(axis=0)]))
+                joined = True
+                break
+    return {(tuple(line.min(axis=0)), tuple(line.max(axis=0))) for line in lines}
 
 
 @pytest.mark.skipif(shutil.which("prusa-slicer") is None, reason="no PrusaSlicer here (apt-get install prusa-slicer)")

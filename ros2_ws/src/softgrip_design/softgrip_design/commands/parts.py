@@ -28,6 +28,7 @@ from softgrip_design.parts.forms import Form, PartError
 from softgrip_design.parts.kit import Kit, fingers_of, whole_kit
 from softgrip_design.parts.picture import write
 from softgrip_design.parts.solid import Solid, make_solid
+from softgrip_design.parts.views import views_of
 from softgrip_model.profile import Profile, ProfileError, load, shipped_directory
 
 #: of the driver's parameter spool_radii_m
@@ -37,7 +38,7 @@ OTHER_SERVOS = "other_servos"
 
 EPILOG = """\
 Writes STEP (in the part's own frame), STL and 3MF (as it lies on the printer's bed; the 3MF carries material and print
-settings) of every part, a drawing with dimensions (SVG) of every finger, and bill.md. Without --finger also palm, servo
+settings) and a drawing with dimensions (SVG) of every part, and bill.md. Without --finger also palm, servo
 plate, spools, guide blocks of the friction rig, camera stand, foot of the calibration target, test cube, and a picture
 of hand and servo plate. Plates and spools of other servos go into the folder other_servos. Nothing is written when a
 part is not watertight or has walls thinner than the nozzle is wide. docs/parts.md shows all of them.
@@ -88,8 +89,6 @@ def main(args: Sequence[str] | None = None) -> int:
         kit = _kit(profile, hand, drive, options)
         folder = options.out or Path("out/parts") / profile.id
         solids, others = _write_parts(kit, folder)
-        for name, finger in kit.fingers.items():
-            write_svg(figure_of(finger), folder / f"finger_{name}.svg")
         printed = printed_rows(list(solids.values()))
         bought = bought_rows(kit, drive.spool_radius_mm, drive.face, drive.model)
         instead = instead_rows(kit.instead, others)
@@ -168,20 +167,20 @@ def _write_parts(kit: Kit, folder: Path) -> tuple[dict[str, Solid], dict[str, So
         return {form.name: make_solid(form, channels.get(form.name, ())) for form in forms}
 
     solids, others = made(kit.forms), made([form for one in kit.instead for form in one.forms])
-    folder.mkdir(parents=True, exist_ok=True)
-    for solid in solids.values():
-        write_part(solid, folder)
-    if others:
-        (folder / OTHER_SERVOS).mkdir(exist_ok=True)
-    for solid in others.values():
-        write_part(solid, folder / OTHER_SERVOS)
+    drawings = {finger.form.name: figure_of(finger) for finger in kit.fingers.values()}
+    for place, made_here in ((folder, solids), (folder / OTHER_SERVOS, others)):
+        if made_here:
+            place.mkdir(parents=True, exist_ok=True)
+        for name, solid in made_here.items():
+            write_part(solid, place)
+            write_svg(drawings.get(name) or views_of(solid), place / f"{name}.svg")
     return solids, others
 
 
 def _print_parts(printed: Sequence[PrintedRow], folder: Path, seconds: float) -> None:
     count = len(printed)
     title = f"{count} part{'s' * (count > 1)} in {seconds:.1f} s"
-    table = Table(title=title, caption=f"written: 3MF, STEP and STL of each, into {folder}")
+    table = Table(title=title, caption=f"written: 3MF, STEP, STL and drawing of each, into {folder}")
     for heading in ("part", "count", "material", "cm3", "g", "filament [m]"):
         table.add_column(escape(heading), justify="left" if heading in {"part", "material"} else "right")
     for row in printed:
