@@ -15,6 +15,7 @@ from softgrip_driver.commands.person import TerminalPerson, WrittenAnswers, read
 from softgrip_driver.configuration import checked_configuration
 from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError, PortLostError, WrongDeviceError
 from softgrip_driver.wizard.direction import SpoolPull, find_direction
+from softgrip_driver.wizard.sections import FoundDevices
 from softgrip_driver.wizard.tensioning import TensioningPlan
 from softgrip_driver.wizard.wizard import SetupWizard, WizardSettings
 from softgrip_emulator.dynamixel.chain import DynamixelChain
@@ -34,12 +35,15 @@ class Hands:
 
     def __init__(self, plant, mistakes=None):
         self.plant, self.mistakes, self.asked, self.lines = plant, mistakes or {}, [], []
+        self.questions = []
 
     def print_line(self, text):
         self.lines.append(text)
 
     def ask(self, key, text, default=""):
-        raise AssertionError(f"{key}: {text} [{default}]")
+        self.questions.append(key)
+        assert default, f"{key}: {text}"
+        return default
 
     def confirm(self, key, text):
         self.asked.append(key)
@@ -88,7 +92,7 @@ class FreshBench:
     def wizard(self, hands, **changes):
         settings = WizardSettings(self.file, str(self.folder / "servos"), tendons=TENDONS, selftest_s=0.5)
         make_loop = lambda backend, controller, rate: self.world.loop(backend, controller, rate, 4096)  # noqa: E731
-        return SetupWizard(replace(settings, **changes), hands, make_loop)
+        return SetupWizard(replace(settings, **changes), hands, make_loop, lambda _: FoundDevices())
 
     def powered(self):
         return [servo.registers.get("torque_enable") for servo in self.plant.servos]
@@ -134,6 +138,8 @@ def test_from_the_boxes_to_a_chain_that_is_ready(fresh):
         assert servo.slack_m == pytest.approx(0.005, abs=1e-3)
     assert bench.powered() == [0, 0, 0]
     assert "self-test: 3 servos" in hands.text
+    assert hands.questions == ["cell", "hand", "out", "profiles", "camera", "stage"]
+    assert cell.folders.out == bench.folder / "out"
     shipped = read_shipped(CONFIG)
     checked_configuration(shipped["tendon_driver"] | node_parameters(cell, shipped)["tendon_driver"])
 
@@ -151,6 +157,7 @@ def test_it_goes_on_where_it_was_left(fresh):
     once_more = Hands(bench.plant)
     assert bench.wizard(once_more).run()
     assert once_more.asked == []
+    assert once_more.questions == ["camera", "stage"]  # what the bench has not got
 
 
 def both(hands):

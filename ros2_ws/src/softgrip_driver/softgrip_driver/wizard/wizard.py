@@ -9,7 +9,16 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, load_cell, save_cell
+from softgrip_description.cell_file import (
+    CellFile,
+    ChainServo,
+    ServoChain,
+    cell_text,
+    load_cell,
+    parse_cell,
+    save_cell,
+)
+from softgrip_description.errors import CellFileError
 from softgrip_driver.commands import selftest
 from softgrip_driver.commands.person import Terminal
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
@@ -29,6 +38,7 @@ from softgrip_driver.wizard.chain import (
 )
 from softgrip_driver.wizard.direction import SpoolPull, measure_direction, reversed_spool_remedy
 from softgrip_driver.wizard.naming import describe_past, find_new_servo, is_verified, model_of, name_servo
+from softgrip_driver.wizard.sections import CellSections, Fill, FoundDevices, find_devices
 from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan, release
 from softgrip_time import Clock
 
@@ -67,12 +77,13 @@ class WizardSettings:
 
 
 class SetupWizard:
-    """Leads from servos as they come to a chain that is ready.
+    """Leads from servos as they come to a cell file of a cell that is ready.
 
     Args:
         settings: what is asked for.
         person: who does what a hand must do.
         make_loop: the driver's loop over a backend, a controller and a rate [Hz].
+        find_devices: what is plugged in besides the servos' port.
     """
 
     def __init__(
@@ -80,8 +91,10 @@ class SetupWizard:
         settings: WizardSettings,
         person: Terminal,
         make_loop: Callable[[DynamixelBackend, GripperController, float], BusLoop] = make_loop,
+        find_devices: Callable[[str], FoundDevices] = find_devices,
     ) -> None:
         self._settings, self._person, self._make_loop = settings, person, make_loop
+        self._find_devices = find_devices
         self._cell = load_cell(settings.file) if settings.file.exists() else CellFile("real")
         chain = self._cell.servos or ServoChain("", settings.baud)
         self._chain = replace(chain, port=settings.port or chain.port, baud=chain.baud or settings.baud)
@@ -112,7 +125,9 @@ class SetupWizard:
         for tendon in self._tendons:
             self._until_done(f"tie.{tendon}", partial(self._turn, tendon))
         self._until_done("straight", self._tension)
-        return self._test()
+        is_good = self._test()
+        self._describe_cell()
+        return is_good
 
     # --- steps -----------------------------------------------------------------------------------------------------
 
@@ -234,13 +249,28 @@ class SetupWizard:
             self._person.print_line(f"-> {cause}")
         return is_good
 
+    def _describe_cell(self) -> None:
+        """Ask for what the file lacks besides servos, and keep each answer at once."""
+        folder = self._settings.file.expanduser().resolve().parent
+        found = self._find_devices(self._chain.port)
+        sections = CellSections(self._person, found, folder, self._settings.clock)
+        for key, fill in [*sections.missing(self._cell)]:
+            self._until_done(key, partial(self._fill, fill))
+
+    def _fill(self, fill: Fill) -> None:
+        cell = fill(self._cell)
+        path = self._settings.file
+        parse_cell(cell_text(cell), path)  # a name or a port that no cell file may have is refused, not written
+        save_cell(cell, path)
+        self._cell = cell
+
     # --- helpers ---------------------------------------------------------------------------------------------------
 
     def _until_done(self, key: str, step: Callable[[], None]) -> None:
         while True:
             try:
                 step()
-            except DriverError as error:
+            except (DriverError, CellFileError) as error:
                 if not self._person.try_again(key, str(error)):
                     raise
             else:
