@@ -28,7 +28,7 @@ from softgrip_demo.first_run.bus_steps import (
 )
 from softgrip_demo.first_run.checklist import Checklist
 from softgrip_demo.first_run.cube import TEST_CUBE, add_test_cube
-from softgrip_demo.first_run.figures import Figure, StepStatus
+from softgrip_demo.first_run.figures import Figure, StepReport, StepStatus
 from softgrip_demo.first_run.record import FirstRunRecord, load_record, render, save_record
 from softgrip_demo.nodes.first_run import sign, verify
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, TorqueValues
@@ -333,12 +333,55 @@ def test_the_fingers_are_let_go_after_the_zero(bus: Bus, monkeypatch: pytest.Mon
     assert let_go == pytest.approx({"index": 0.025, "thumb": 0.015})  # slack_m of the cell file
 
 
-def test_a_poor_calibration_is_named(bus: Bus) -> None:
+def tension_figures(bus: Bus, torque: TorqueValues, model: str = "XL330-M288") -> list[Figure]:
+    """The step's figures of one servo with these values in the cell file."""
     assert bus.cell.servos is not None
-    row = replace(bus.cell.servos.chain[0], torque=TorqueValues(tension_stddev_share=0.3))
-    bench = replace(bus.bench, cell=replace(bus.cell, servos=replace(bus.cell.servos, chain=(row,))))
-    (figure,) = wrong(TensionStep(bench))
-    assert "calibrate_tension" in figure.remedy
+    row = replace(bus.cell.servos.chain[0], torque=torque, model=model)
+    cell = replace(bus.cell, servos=replace(bus.cell.servos, chain=(row,)))
+    return list(TensionStep(replace(bus.bench, cell=cell)).measure())
+
+
+def test_tensions_that_nobody_calibrated_are_remarked_upon(bus: Bus) -> None:
+    share, hidden = tension_figures(bus, TorqueValues())
+    assert (share.name, share.found, share.bound, share.is_good) == (
+        "index: uncertainty, from data sheet", "15 %", "at most 15 %", True,
+    )  # fmt: skip
+    # e-manual: 0.52 N m at 1.47 A; 50 mA of friction on a spool of 10 mm, either way: a uniform half width
+    assert "not calibrated: data-sheet values, +-15 % and 1.0 N" in share.remark
+    assert "calibrate_tension" in share.remark
+    assert (hidden.found, hidden.bound, hidden.is_good) == ("1.02 N", "at most 1.5 N", True)
+    (report,) = [StepReport("tension", "t", StepStatus.GOOD, (share, hidden))]
+    assert report.remarks == [f"{share.name}: {share.remark}"]
+    assert report.complaints == []
+
+
+def test_calibrated_tensions_want_no_remark_and_a_poor_calibration_is_named(bus: Bus) -> None:
+    good = TorqueValues(0.36, 0.03, tension_stddev_share=0.04)
+    share, hidden = tension_figures(bus, good)
+    assert (share.name, share.found, share.remark, share.is_good) == (
+        "index: uncertainty, from calibrate_tension", "4 %", "", True,
+    )  # fmt: skip
+    assert hidden.found == "0.624 N"  # 0.36 / 0.010 * 0.03 / sqrt(3)
+    poor, gears = tension_figures(bus, replace(good, tension_stddev_share=0.3, friction_current_a=0.2))
+    assert [(poor.is_good, "calibrate_tension" in poor.remedy), (gears.is_good, gears.found)] == [
+        (False, True), (False, "4.16 N"),
+    ]  # fmt: skip
+
+
+def test_the_page_says_at_its_head_and_beside_the_figure_what_was_not_calibrated(
+    tmp_path: Path, cell_file: Path
+) -> None:
+    lines: list[str] = []
+    plain = run([Step("one", (GOOD,))], tmp_path, lines)
+    assert "remark" not in json.dumps(json.loads((tmp_path / "record.json").read_text()))
+    assert "Good with" not in render(plain)
+    remarked = run([Step("two", (GOOD.with_remark("not calibrated: +-15 %"),))], tmp_path, lines)
+    assert remarked.is_good
+    assert "  -- length: not calibrated: +-15 %" in lines
+    page = render(sign(remarked, "Ada"))
+    assert "Good with 1 remark: length: not calibrated: +-15 %" in page
+    assert page.count("not calibrated: +-15 %") == 2
+    assert load_record(tmp_path / "record.json", cell_file).digest == remarked.digest
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium here (make panel-setup)")

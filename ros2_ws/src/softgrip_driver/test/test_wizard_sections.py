@@ -102,7 +102,13 @@ def test_with_nothing_plugged_in_the_cell_is_whole_and_says_what_it_lacks(tmp_pa
     cell = filled(CellFile("real"), person, tmp_path)
     assert cell == CellFile("real", folders=CellFolders(out=tmp_path / "out"))
     assert {*person.asked} == {"cell", "hand", "out", "profiles", "camera", "stage"}
-    for words in ("camera: left out", "rig: left out", "no camera found", "no serial port found", "run the wizard again"):
+    for words in (
+        "camera: left out",
+        "rig: left out",
+        "no camera found",
+        "no serial port found",
+        "run the wizard again",
+    ):
         assert words in person.text
     # a second run asks for the devices alone
     again = Person()
@@ -144,9 +150,7 @@ def test_the_rigs_devices_are_asked_for_and_answer_over_their_wires(tmp_path, ma
     ports = FoundDevices((), (str(tmp_path / "stand"), str(tmp_path / "gauge")))
     person = Person(stage="1", gauge="2", stage_kind=stage, gauge_kind=gauge, gauge_line=line)
     cell = filled(CellFile("real"), person, tmp_path, ports)
-    assert cell.rig == CellRig(
-        RigStage(stage, str(tmp_path / "stand")), RigGauge(gauge, str(tmp_path / "gauge"), line)
-    )
+    assert cell.rig == CellRig(RigStage(stage, str(tmp_path / "stand")), RigGauge(gauge, str(tmp_path / "gauge"), line))
     assert "stage: " in person.text
     assert "gauge: " in person.text
     assert rig.plant.travel == 0.0

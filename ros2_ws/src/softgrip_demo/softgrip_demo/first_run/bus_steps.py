@@ -21,7 +21,19 @@ from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import SHARED_ID_REMEDY, who_answers
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import HardwareError
-from softgrip_driver.wizard.chain import chain_backend, chain_controller, chain_rate, make_loop, model_of, open_bus
+from softgrip_driver.wizard.chain import (
+    SPOOL_RADIUS_M,
+    chain_backend,
+    chain_controller,
+    chain_rate,
+    homing_tension,
+    is_calibrated,
+    make_loop,
+    model_of,
+    open_bus,
+    torque_of,
+    torque_of_data_sheet,
+)
 from softgrip_driver.wizard.direction import measure_direction, reversed_spool_remedy
 from softgrip_driver.wizard.naming import SUPPLY_REMEDY
 from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan, release
@@ -34,8 +46,9 @@ MAX_LATENCY_TIMER_S = 0.001
 MAX_LOST_SHARE = 0.001
 #: [m] by which the zero may move between two homings: position_tolerance_m of the driver
 MAX_ZERO_SHIFT_M = 3e-4
-#: relative uncertainty of a tension: that of the data sheet (parameter tension_stddev_share)
-MAX_TENSION_SHARE = 0.15
+CALIBRATE_REMEDY = (
+    "`ros2 run softgrip_driver calibrate_tension` with a gauge in the tendon does better (docs/bench.md, section 6)"
+)
 
 
 @dataclass
@@ -274,7 +287,7 @@ class ZeroStep:
 
 @dataclass(frozen=True)
 class TensionStep:
-    """How well tensions are known."""
+    """How well tensions are known: by a calibration, or by the data sheet alone, which the record says."""
 
     bench: BenchBus
     key = "tension"
@@ -282,10 +295,21 @@ class TensionStep:
     needs = ("servos",)
 
     def measure(self) -> Iterator[Figure]:
-        """Yield the relative uncertainty of each tendon's tension."""
-        for servo in self.bench.chain.chain:
-            share, source = servo.torque.tension_stddev_share, "calibrate_tension"
-            if share is None:
-                share, source = MAX_TENSION_SHARE, "the data sheet"
+        """Yield what each tendon's tension is known to: a share of it, and what standing gears hide."""
+        chain = self.bench.chain
+        homing_n = homing_tension(chain, self.bench.cell.parameters.get("tendon_driver", {}))
+        for servo in chain.chain:
+            torque, radius = torque_of(servo), servo.spool_radius_m or SPOOL_RADIUS_M
+            share = torque.relative_stddev
+            _, hidden_n = torque.pull(0.0, 0.0, radius)
             remedy = "run calibrate_tension with a gauge in the tendon, and put its lines into the cell file"
-            yield at_most(f"{servo.tendon}: uncertainty, from {source}", share, MAX_TENSION_SHARE, "", remedy)
+            known = f"+-{100.0 * share:.0f} % and {hidden_n:.1f} N"
+            remark = "" if is_calibrated(servo) else f"not calibrated: data-sheet values, {known}; {CALIBRATE_REMEDY}"
+            yield at_most(
+                f"{servo.tendon}: uncertainty, from {torque.source}",
+                100.0 * share,
+                100.0 * torque_of_data_sheet(servo).relative_stddev,
+                "%",
+                remedy,
+            ).with_remark(remark)
+            yield at_most(f"{servo.tendon}: hidden by standing gears", hidden_n, homing_n, "N", remedy)

@@ -91,6 +91,8 @@ class Checklist:
         self._say(f"[{report.status.value:^8}] {report.title}")
         for figure in report.figures:
             self._say(f"    {'ok' if figure.is_good else '!!'}  {figure.name}: {figure.found} ({figure.bound})")
+        for remark in report.remarks:
+            self._say(f"  -- {remark}")
         for complaint in report.complaints:
             self._say(f"  -> {complaint}")
 

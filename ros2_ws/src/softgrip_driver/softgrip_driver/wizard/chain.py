@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 from softgrip_description.cell_file import ChainServo, ServoChain
 from softgrip_driver.dynamixel.backend import DynamixelBackend
@@ -36,6 +37,41 @@ def model_of(servo: ChainServo) -> ServoModel:
 def chain_parameters(chain: ServoChain) -> dict[str, float | int]:
     """Return the parameters of tendon_driver that the servos of a chain ask for beyond what is shipped."""
     return required_parameters([(model_of(one), one.spool_radius_m or SPOOL_RADIUS_M) for one in chain.chain])
+
+
+def torque_of_data_sheet(servo: ChainServo) -> TorqueModel:
+    """Return what a servo's data sheet says of the tension that its current makes."""
+    model = model_of(servo)
+    return TorqueModel(model.torque_per_ampere, model.no_load_current)
+
+
+def is_calibrated(servo: ChainServo) -> bool:
+    """Return whether `calibrate_tension` has been run for a servo."""
+    return (servo.torque.torque_per_ampere_nm_a or 0.0) > 0.0
+
+
+def torque_of(servo: ChainServo) -> TorqueModel:
+    """Return the torque model that the driver has of a servo: the calibrated one, else the data sheet's."""
+    given, sheet = servo.torque, torque_of_data_sheet(servo)
+    share = sheet.relative_stddev if given.tension_stddev_share is None else given.tension_stddev_share
+    if not is_calibrated(servo):
+        return replace(
+            sheet, friction_current=given.friction_current_a or sheet.friction_current, relative_stddev=share
+        )
+    return TorqueModel(
+        given.torque_per_ampere_nm_a or 0.0,
+        given.friction_current_a or 0.0,
+        share,
+        "calibrate_tension",
+        given.friction_slope_a_s_m or 0.0,
+        given.gear_load_share or 0.0,
+    )
+
+
+def homing_tension(chain: ServoChain, given: Mapping[str, float | int]) -> float:
+    """Return the tension [N] that counts as taut: the file's, else what the servos ask for, else the shipped one."""
+    name = LIMIT_PARAMETERS["homing_tension"]
+    return float(given.get(name, chain_parameters(chain).get(name, TendonLimits().homing_tension)))
 
 
 def chain_rate(chain: ServoChain) -> float:
@@ -75,7 +111,7 @@ def chain_backend(
     for servo in servos:
         model = model_of(servo)
         spool = Spool(servo.spool_radius_m or SPOOL_RADIUS_M, servo.direction or 1)
-        torque = TorqueModel(model.torque_per_ampere, model.no_load_current)
+        torque = torque_of_data_sheet(servo)
         rows.append(
             ServoConfiguration(
                 servo.tendon, servo.servo_id, model, spool, torque, mode, limits.tension_hard, limits.speed

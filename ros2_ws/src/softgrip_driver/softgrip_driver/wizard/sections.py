@@ -89,7 +89,9 @@ class CellSections:
     # --- sections --------------------------------------------------------------------------------------------------
 
     def _with_name(self, cell: CellFile) -> CellFile:
-        name = self._person.ask("cell", f"Name of the cell, where there are several (letters, digits, _), or {NONE}", NONE)
+        name = self._person.ask(
+            "cell", f"Name of the cell, where there are several (letters, digits, _), or {NONE}", NONE
+        )
         return cell if name == NONE else replace(cell, name=name)
 
     def _with_hand(self, cell: CellFile) -> CellFile:
@@ -163,7 +165,9 @@ class CellSections:
     def _kind(self, what: str, port: str, kinds: Sequence[str], *, board: str) -> str:
         """Ask for the kind of a device; the adapter's name proposes one."""
         is_board = any(word in Path(port).name.lower() for word in _BOARDS)
-        kind = self._person.ask(f"{what}.kind", f"Kind of the {what}: {' or '.join(kinds)}", board if is_board else kinds[0])
+        kind = self._person.ask(
+            f"{what}.kind", f"Kind of the {what}: {' or '.join(kinds)}", board if is_board else kinds[0]
+        )
         if kind not in kinds:
             raise ConfigurationError(f"{what}: expected a kind of {', '.join(kinds)}, found '{kind}'")
         return kind
