@@ -30,9 +30,9 @@ from softgrip_demo.first_run.checklist import Checklist
 from softgrip_demo.first_run.cube import TEST_CUBE, add_test_cube
 from softgrip_demo.first_run.figures import Figure, StepReport, StepStatus
 from softgrip_demo.first_run.record import FirstRunRecord, load_record, render, save_record
-from softgrip_demo.nodes.first_run import sign, verify
+from softgrip_demo.nodes.first_run import cell_steps, sign, verify
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, TorqueValues
-from softgrip_driver.commands.selftest import Measurement
+from softgrip_driver.wizard.drive_setup import BusMeasurement
 from softgrip_driver.wizard.tensioning import SettledZero, Tensioner
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import EmulatedServo
@@ -128,6 +128,21 @@ def test_a_device_that_the_cell_lacks_is_left_out(tmp_path: Path, cell_file: Pat
         StepStatus.LEFT_OUT,
         "the cell file has no servos and no rig",
     )
+
+
+def test_servos_that_are_not_set_up_here_leave_the_bus_out_and_say_why(tmp_path: Path, cell_file: Path) -> None:
+    """Damiao motors: homing, checks and grasp are done all the same."""
+    rows = (ChainServo("index", "DM-J4310-2EC", 1, 1, 0.0157),)
+    cell = CellFile("real", servos=ServoChain("/dev/none", 1_000_000, rows, "damiao"))
+    lines: list[str] = []
+    record = load_record(tmp_path / "record.json", cell_file)
+    steps = [IdsStep(BenchBus(cell)), RateStep(BenchBus(cell)), Step("home", (GOOD,))]
+    reports = Checklist(steps, record, tmp_path / "record.json", lines.append).run(cell).reports
+    assert [report.status for report in reports.values()] == [
+        StepStatus.LEFT_OUT, StepStatus.LEFT_OUT, StepStatus.GOOD,
+    ]  # fmt: skip
+    assert "with the maker's tool" in reports["ids"].problem
+    assert [one.key for one in cell_steps(None, None, cell, "power")] == ["home", "friction", "checks", "grasp"]  # type: ignore[arg-type]
 
 
 def test_another_cell_file_begins_from_the_first_step(tmp_path: Path, cell_file: Path) -> None:
@@ -305,7 +320,7 @@ def test_an_adapter_with_its_16_ms_is_named(tmp_path: Path) -> None:
 
 def test_an_adapters_timer_is_looked_at_where_it_has_one() -> None:
     bench = BenchBus(CELL)
-    bench.__dict__["measured"] = Measurement(3, 1_000_000, 400.0, 0.002, 0.003, 0.001, 0.0, 0, {1: 0.0}, 0.016)
+    bench.__dict__["measured"] = BusMeasurement(3, 1_000_000, 400.0, 0.002, 0.003, 0.001, 0.0, 0, {1: 0.0}, 0.016)
     (figure,) = wrong(LatencyStep(bench))
     assert (figure.name, figure.found) == ("latency timer of the adapter", "16 ms")
 
@@ -326,7 +341,7 @@ def test_the_fingers_are_let_go_after_the_zero(bus: Bus, monkeypatch: pytest.Mon
     """The camera's steps look for a straight finger next."""
     settled = {"index": SettledZero(0.030, 1e-4, 2), "thumb": SettledZero(0.020, 0.0, 2)}
     monkeypatch.setattr(Tensioner, "settle", lambda _: settled)
-    monkeypatch.setattr(bus_steps, "measure_direction", lambda servo, _: servo.direction)
+    monkeypatch.setattr(bus_steps, "measure_direction", lambda _, servo, __: servo.direction)
     let_go: dict[str, float] = {}
     monkeypatch.setattr(bus_steps, "release", lambda _, goals, __: let_go.update(goals))
     assert wrong(ZeroStep(bus.bench)) == []

@@ -9,17 +9,28 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from softgrip_description.errors import CellFileError
-from softgrip_driver.commands.common import DONE, FAILED, add_lockstep_option, clock_of, number, parser, run
+from softgrip_driver.commands.common import (
+    BAUDS,
+    DONE,
+    FAILED,
+    add_drive_option,
+    add_lockstep_option,
+    clock_of,
+    number,
+    parser,
+    run,
+)
 from softgrip_driver.commands.person import GivenAnswers, Terminal, TerminalPerson, WrittenAnswers, read_answers
 from softgrip_driver.dynamixel.adapter import stable_names
-from softgrip_driver.dynamixel.registers import BAUD_CODES
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.rig.build import GAUGES, STAGES
 from softgrip_driver.wizard.direction import SpoolPull
 from softgrip_driver.wizard.tensioning import TensioningPlan
 from softgrip_driver.wizard.wizard import SetupWizard, WizardSettings
 
-TEXT = """Lead from servos as they come (ID 1, 57600 baud) to a chain that is ready, and write it into a cell file.
+TEXT = """Lead from servos as they come to a chain that is ready, and write it into a cell file.
+
+Servos are Dynamixel (ID 1, 57600 baud), or Feetech with --drive feetech (ID 1, 1 Mbaud).
 
 1. each servo gets its ID: put them on the cable one after the other, as you are asked to
 2. the direction of each spool, by a small pull (about 2 N, 20 mm at most)
@@ -58,6 +69,7 @@ def work(options: argparse.Namespace) -> int:
     settings = WizardSettings(
         options.file,
         _stable(options.port, person),
+        options.drive or "",
         options.baud,
         tuple(options.tendons),
         options.spool_radius_mm * 1e-3,
@@ -110,12 +122,11 @@ def main(args: Sequence[str] | None = None) -> int:
     arguments.add_argument(
         "--port", default="", help="of the servo bus; default: that of the file, or the only one there is"
     )
+    add_drive_option(arguments)
     arguments.add_argument(
         "--tendons", nargs="+", default=[], metavar="NAME", help="one for each servo, in order of the chain"
     )
-    arguments.add_argument(
-        "--baud", type=int, choices=sorted(BAUD_CODES), default=1_000_000, help="default %(default)s"
-    )
+    arguments.add_argument("--baud", type=int, choices=sorted(BAUDS), default=1_000_000, help="default %(default)s")
     arguments.add_argument(
         "--spool-radius-mm", type=number(1.0, 100.0), default=10.0, metavar="MM", help="to the middle of the tendon"
     )
