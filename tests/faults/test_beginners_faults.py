@@ -22,6 +22,7 @@ from softgrip_demo.first_run.figures import StepReport, StepStatus
 from softgrip_demo.first_run.record import load_record
 from softgrip_description.cell_file import CellCamera, CellFile, ChainServo, ServoChain
 from softgrip_driver.errors import ConfigurationError
+from softgrip_driver.wizard.drive_setup import drive_setup
 from softgrip_driver.wizard.naming import find_new_servo
 from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.dynamixel.servo import FACTORY_BAUD, FACTORY_ID
@@ -140,7 +141,7 @@ def test_two_new_servos_at_once_are_named(tmp_path: Path) -> None:
             bench.cell.faults.clear(f"servo_unplugged@{slot}")
         clock = SimulatedClock(bench.wires / "time", "bench")
         with pytest.raises(ConfigurationError, match="found several with ID 1"):
-            find_new_servo(str(bench.wires / "servos"), 1_000_000, (), clock)
+            find_new_servo(drive_setup(None), str(bench.wires / "servos"), 1_000_000, (), clock)
     finally:
         bench.cell.close()
 

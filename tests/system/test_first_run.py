@@ -72,7 +72,11 @@ def test_the_rehearsal_has_the_commands_of_the_pages_that_it_stands_for() -> Non
     _, wizard, _, _, first_run = blocks("rehearsal.md")[:5]
     real = command("servos.md", "wizard")
     real[real.index("--port") + 1] = "wires/servos"
-    assert words(wizard) == [*real, "--lockstep", "wires/time"]
+    assert words(wizard)[: len(real)] == real
+    # the rest names what is not plugged in
+    assert {word for word in words(wizard)[len(real) :] if word.startswith("--")} == {
+        "--lockstep", "--camera", "--camera-calibration", "--stage", "--stage-kind", "--gauge", "--gauge-kind",
+    }  # fmt: skip
     real = command("first_grasp.md", "first_run")
     assert words(first_run)[1 : 1 + len(real)] == real
 
@@ -84,7 +88,7 @@ def test_from_the_boxes_to_the_first_grasp(terminal: Open, tmp_path: Path) -> No
     at_bench = terminal(bench)
     assert at_bench.read_until(("wires in wires",), 60.0), at_bench.text
     at_wizard = terminal(wizard)
-    while at_wizard.read_until(("then press Enter", "written to cell.yaml"), 240.0) == "then press Enter":
+    while at_wizard.read_until(("then press Enter", "]: ", "written to cell.yaml"), 240.0) != "written to cell.yaml":
         asked = at_wizard.text.rpartition("? ")[2]
         if "put the servo of" in asked:
             plugged = terminal(plug_in.replace("@index", f"@{asked.split(chr(39))[1]}"))
@@ -92,7 +96,13 @@ def test_from_the_boxes_to_the_first_grasp(terminal: Open, tmp_path: Path) -> No
         at_wizard.press_enter()
     assert at_wizard.process.wait(20.0) == 0, at_wizard.text
     file = tmp_path / "cell.yaml"
-    chain = load_cell(file).servos
+    cell = load_cell(file)
+    chain = cell.servos
+    assert cell.rig is not None
+    assert (cell.rig.stage.port, cell.rig.gauge.port) == ("wires/stand", "wires/gauge")
+    assert cell.camera is not None
+    assert cell.camera.calibration == tmp_path / "wires/camera_calibration.yaml"
+    assert cell.folders.out == tmp_path / "out"
     assert chain is not None
     assert [(one.tendon, one.servo_id, one.direction) for one in chain.chain] == [
         ("index", 1, 1), ("middle", 2, -1), ("thumb", 3, 1),

@@ -28,11 +28,11 @@ from softgrip_demo.first_run.bus_steps import (
 )
 from softgrip_demo.first_run.checklist import Checklist
 from softgrip_demo.first_run.cube import TEST_CUBE, add_test_cube
-from softgrip_demo.first_run.figures import Figure, StepStatus
+from softgrip_demo.first_run.figures import Figure, StepReport, StepStatus
 from softgrip_demo.first_run.record import FirstRunRecord, load_record, render, save_record
-from softgrip_demo.nodes.first_run import sign, verify
+from softgrip_demo.nodes.first_run import cell_steps, sign, verify
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, TorqueValues
-from softgrip_driver.commands.selftest import Measurement
+from softgrip_driver.wizard.drive_setup import BusMeasurement
 from softgrip_driver.wizard.tensioning import SettledZero, Tensioner
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import EmulatedServo
@@ -128,6 +128,21 @@ def test_a_device_that_the_cell_lacks_is_left_out(tmp_path: Path, cell_file: Pat
         StepStatus.LEFT_OUT,
         "the cell file has no servos and no rig",
     )
+
+
+def test_servos_that_are_not_set_up_here_leave_the_bus_out_and_say_why(tmp_path: Path, cell_file: Path) -> None:
+    """Damiao motors: homing, checks and grasp are done all the same."""
+    rows = (ChainServo("index", "DM-J4310-2EC", 1, 1, 0.0157),)
+    cell = CellFile("real", servos=ServoChain("/dev/none", 1_000_000, rows, "damiao"))
+    lines: list[str] = []
+    record = load_record(tmp_path / "record.json", cell_file)
+    steps = [IdsStep(BenchBus(cell)), RateStep(BenchBus(cell)), Step("home", (GOOD,))]
+    reports = Checklist(steps, record, tmp_path / "record.json", lines.append).run(cell).reports
+    assert [report.status for report in reports.values()] == [
+        StepStatus.LEFT_OUT, StepStatus.LEFT_OUT, StepStatus.GOOD,
+    ]  # fmt: skip
+    assert "with the maker's tool" in reports["ids"].problem
+    assert [one.key for one in cell_steps(None, None, cell, "power")] == ["home", "friction", "checks", "grasp"]  # type: ignore[arg-type]
 
 
 def test_another_cell_file_begins_from_the_first_step(tmp_path: Path, cell_file: Path) -> None:
@@ -305,7 +320,7 @@ def test_an_adapter_with_its_16_ms_is_named(tmp_path: Path) -> None:
 
 def test_an_adapters_timer_is_looked_at_where_it_has_one() -> None:
     bench = BenchBus(CELL)
-    bench.__dict__["measured"] = Measurement(3, 1_000_000, 400.0, 0.002, 0.003, 0.001, 0.0, 0, {1: 0.0}, 0.016)
+    bench.__dict__["measured"] = BusMeasurement(3, 1_000_000, 400.0, 0.002, 0.003, 0.001, 0.0, 0, {1: 0.0}, 0.016)
     (figure,) = wrong(LatencyStep(bench))
     assert (figure.name, figure.found) == ("latency timer of the adapter", "16 ms")
 
@@ -326,19 +341,62 @@ def test_the_fingers_are_let_go_after_the_zero(bus: Bus, monkeypatch: pytest.Mon
     """The camera's steps look for a straight finger next."""
     settled = {"index": SettledZero(0.030, 1e-4, 2), "thumb": SettledZero(0.020, 0.0, 2)}
     monkeypatch.setattr(Tensioner, "settle", lambda _: settled)
-    monkeypatch.setattr(bus_steps, "measure_direction", lambda servo, _: servo.direction)
+    monkeypatch.setattr(bus_steps, "measure_direction", lambda _, servo, __: servo.direction)
     let_go: dict[str, float] = {}
     monkeypatch.setattr(bus_steps, "release", lambda _, goals, __: let_go.update(goals))
     assert wrong(ZeroStep(bus.bench)) == []
     assert let_go == pytest.approx({"index": 0.025, "thumb": 0.015})  # slack_m of the cell file
 
 
-def test_a_poor_calibration_is_named(bus: Bus) -> None:
+def tension_figures(bus: Bus, torque: TorqueValues, model: str = "XL330-M288") -> list[Figure]:
+    """The step's figures of one servo with these values in the cell file."""
     assert bus.cell.servos is not None
-    row = replace(bus.cell.servos.chain[0], torque=TorqueValues(tension_stddev_share=0.3))
-    bench = replace(bus.bench, cell=replace(bus.cell, servos=replace(bus.cell.servos, chain=(row,))))
-    (figure,) = wrong(TensionStep(bench))
-    assert "calibrate_tension" in figure.remedy
+    row = replace(bus.cell.servos.chain[0], torque=torque, model=model)
+    cell = replace(bus.cell, servos=replace(bus.cell.servos, chain=(row,)))
+    return list(TensionStep(replace(bus.bench, cell=cell)).measure())
+
+
+def test_tensions_that_nobody_calibrated_are_remarked_upon(bus: Bus) -> None:
+    share, hidden = tension_figures(bus, TorqueValues())
+    assert (share.name, share.found, share.bound, share.is_good) == (
+        "index: uncertainty, from data sheet", "15 %", "at most 15 %", True,
+    )  # fmt: skip
+    # e-manual: 0.52 N m at 1.47 A; 50 mA of friction on a spool of 10 mm, either way: a uniform half width
+    assert "not calibrated: data-sheet values, +-15 % and 1.0 N" in share.remark
+    assert "calibrate_tension" in share.remark
+    assert (hidden.found, hidden.bound, hidden.is_good) == ("1.02 N", "at most 1.5 N", True)
+    (report,) = [StepReport("tension", "t", StepStatus.GOOD, (share, hidden))]
+    assert report.remarks == [f"{share.name}: {share.remark}"]
+    assert report.complaints == []
+
+
+def test_calibrated_tensions_want_no_remark_and_a_poor_calibration_is_named(bus: Bus) -> None:
+    good = TorqueValues(0.36, 0.03, tension_stddev_share=0.04)
+    share, hidden = tension_figures(bus, good)
+    assert (share.name, share.found, share.remark, share.is_good) == (
+        "index: uncertainty, from calibrate_tension", "4 %", "", True,
+    )  # fmt: skip
+    assert hidden.found == "0.624 N"  # 0.36 / 0.010 * 0.03 / sqrt(3)
+    poor, gears = tension_figures(bus, replace(good, tension_stddev_share=0.3, friction_current_a=0.2))
+    assert [(poor.is_good, "calibrate_tension" in poor.remedy), (gears.is_good, gears.found)] == [
+        (False, True), (False, "4.16 N"),
+    ]  # fmt: skip
+
+
+def test_the_page_says_at_its_head_and_beside_the_figure_what_was_not_calibrated(
+    tmp_path: Path, cell_file: Path
+) -> None:
+    lines: list[str] = []
+    plain = run([Step("one", (GOOD,))], tmp_path, lines)
+    assert "remark" not in json.dumps(json.loads((tmp_path / "record.json").read_text()))
+    assert "Good with" not in render(plain)
+    remarked = run([Step("two", (GOOD.with_remark("not calibrated: +-15 %"),))], tmp_path, lines)
+    assert remarked.is_good
+    assert "  -- length: not calibrated: +-15 %" in lines
+    page = render(sign(remarked, "Ada"))
+    assert "Good with 1 remark: length: not calibrated: +-15 %" in page
+    assert page.count("not calibrated: +-15 %") == 2
+    assert load_record(tmp_path / "record.json", cell_file).digest == remarked.digest
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="no Chromium here (make panel-setup)")

@@ -13,8 +13,8 @@ from softgrip_demo.first_run.bus_steps import BenchBus, ZeroStep
 from softgrip_demo.first_run.figures import Figure
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain
 from softgrip_driver.errors import ConfigurationError
-from softgrip_emulator.dynamixel.chain import DynamixelChain
-from softgrip_emulator.plant.cell import CellPlant, ServoPlace
+from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
+from softgrip_emulator.servos import load_ratings, make_chain
 from softgrip_model.profile import load_directory, shipped_directory
 from softgrip_testing.scripts import load_script
 
@@ -26,19 +26,23 @@ SLACK_M = 0.005
 class Spools:
     """Three fingers, their tendons wound one way or the other, and a cell file that says all are wound the same way."""
 
-    def __init__(self, folder: Path, world: Any, wound: tuple[int, ...]) -> None:
+    def __init__(self, folder: Path, world: Any, wound: tuple[int, ...], model: str = "XL330-M288") -> None:
         chain = [
-            ServoPlace(name, device_id=number, spool_direction=direction)
+            ServoPlace(name, device_id=number, model=model, spool_direction=direction)
             for number, (name, direction) in enumerate(zip(TENDONS, wound, strict=True), start=1)
         ]
-        self.plant = CellPlant(load_directory(shipped_directory()), seed=3, chain=chain)
+        supply = Supply(load_ratings(model).nominal_voltage_v)
+        self.plant = CellPlant(load_directory(shipped_directory()), seed=3, chain=chain, supply=supply)
         self.plant.mount(TENDONS, list("abc"), ["power"] * 3)
         self.plant.now_s = world.clock.now_s()
-        bus = DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.advance_to)
+        bus = make_chain(self.plant.servos, self.plant.lock, self.plant.advance_to)
         self.port = world.port(folder / "servos", bus)
         world.live(self.plant.advance_to)
-        rows = tuple(ChainServo(name, "XL330-M288", k, 1, 0.010, SLACK_M) for k, name in enumerate(TENDONS, 1))
-        cell = CellFile("real", servos=ServoChain(str(folder / "servos"), 1_000_000, rows))
+        rows = tuple(ChainServo(name, model, k, 1, 0.010, SLACK_M) for k, name in enumerate(TENDONS, 1))
+        cell = CellFile(
+            "real",
+            servos=ServoChain(str(folder / "servos"), 1_000_000, rows, "feetech" if model == "STS3215" else None),
+        )
         self.step = ZeroStep(BenchBus(cell))
 
     def powered(self) -> list[int]:
@@ -52,8 +56,9 @@ def world(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     made.close()
 
 
-def test_a_reversed_spool_is_named_and_nothing_is_homed(tmp_path: Path, world: Any) -> None:
-    bench = Spools(tmp_path, world, (1, -1, 1))
+@pytest.mark.parametrize("model", ["XL330-M288", "STS3215"])
+def test_a_reversed_spool_is_named_and_nothing_is_homed(tmp_path: Path, world: Any, model: str) -> None:
+    bench = Spools(tmp_path, world, (1, -1, 1), model)
     figures = list(bench.step.measure())
     directions = [figure for figure in figures if "pulls in direction" in figure.name]
     assert [(figure.found, figure.bound, figure.is_good) for figure in directions] == [

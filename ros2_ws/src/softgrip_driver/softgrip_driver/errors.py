@@ -19,6 +19,10 @@ class ConfigurationError(DriverError):
     """The configuration contradicts itself or what the device can do."""
 
 
+class NoSetupError(ConfigurationError):
+    """Drives of this make are not set up here; the message says how it is done instead."""
+
+
 class DeviceNotFoundError(DriverError):
     """No device where one was expected: wrong port, wrong baud rate, wrong ID, no power."""
 

@@ -13,9 +13,11 @@ from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
 from softgrip_driver.commands import calibrate_tension, common, scan, selftest, setup, tension_recording
-from softgrip_driver.commands.selftest import Measurement, causes, latency_timer
+from softgrip_driver.commands.selftest import causes
+from softgrip_driver.dynamixel.adapter import latency_timer
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS
+from softgrip_driver.wizard.drive_setup import BusMeasurement
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import EmulatedServo
 from softgrip_emulator.dynamixel.table import load_model
@@ -158,7 +160,7 @@ def measurement(**others):
         "servos": 4, "baud": 1_000_000, "rate": 400.0, "median": 0.0025, "p99": 0.003, "turnaround": 0.001,
         "lost_share": 0.0, "corrupt": 0, "return_delays": {1: 0.0}, "latency_timer": 0.001,
     }  # fmt: skip
-    return Measurement(**(values | others))
+    return BusMeasurement(**(values | others))
 
 
 @pytest.mark.parametrize(
@@ -167,7 +169,7 @@ def measurement(**others):
         (measurement(latency_timer=0.016), "waits 16 ms.*make udev"),
         (measurement(latency_timer=None, turnaround=0.016), "takes 16 ms beyond its bytes.*make udev"),
         (measurement(return_delays={1: 5e-4, 2: 0.0}), r"servos \[1\] wait"),
-        (measurement(baud=57600), "raise the baud rate"),
+        (measurement(baud=57600, wire_time=0.0256), "raise the baud rate"),
         (measurement(lost_share=0.05), "5.00% of the answers are lost"),
         (measurement(rate=60.0), "the rest is this computer"),
     ],
@@ -248,7 +250,7 @@ def test_a_bad_recording_is_named(tmp_path, capsys, recording, text):
     ],
 )
 def test_an_option_that_makes_no_sense_is_refused_before_anything_is_opened(command, options, capsys, monkeypatch):
-    monkeypatch.setattr(command, "Bus", None)
+    monkeypatch.setattr(command, "Bus" if command is calibrate_tension else "drive_setup", None)
     with pytest.raises(SystemExit) as refused:
         command.main(["--port", "/dev/ttyUSB0", *options.split()])
     assert refused.value.code == 2

@@ -14,13 +14,15 @@ from softgrip_driver.commands import wizard as command
 from softgrip_driver.commands.person import TerminalPerson, WrittenAnswers, read_answers
 from softgrip_driver.configuration import checked_configuration
 from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError, PortLostError, WrongDeviceError
+from softgrip_driver.feetech.registers import MODELS as FEETECH
+from softgrip_driver.wizard import drive_setup
 from softgrip_driver.wizard.direction import SpoolPull, find_direction
+from softgrip_driver.wizard.sections import FoundDevices
 from softgrip_driver.wizard.tensioning import TensioningPlan
 from softgrip_driver.wizard.wizard import SetupWizard, WizardSettings
-from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import FACTORY_BAUD, FACTORY_ID
-from softgrip_emulator.dynamixel.table import load_model
 from softgrip_emulator.plant.cell import CellPlant, ServoPlace, Supply
+from softgrip_emulator.servos import load_ratings, make_chain
 from softgrip_emulator.wire.usb_adapter import UsbAdapter
 from softgrip_model.profile import load_directory
 
@@ -34,12 +36,15 @@ class Hands:
 
     def __init__(self, plant, mistakes=None):
         self.plant, self.mistakes, self.asked, self.lines = plant, mistakes or {}, [], []
+        self.questions = []
 
     def print_line(self, text):
         self.lines.append(text)
 
     def ask(self, key, text, default=""):
-        raise AssertionError(f"{key}: {text} [{default}]")
+        self.questions.append(key)
+        assert default, f"{key}: {text}"
+        return default
 
     def confirm(self, key, text):
         self.asked.append(key)
@@ -69,26 +74,28 @@ class FreshBench:
         self, folder, world, *, model="XL330-M288", directions=(1, -1, 1), latency_s=None, supply_v=None, **place
     ):
         self.world, self.folder = world, folder
-        place = {"device_id": FACTORY_ID, "baud": FACTORY_BAUD} | place
+        self.drive = "feetech" if model in FEETECH else "dynamixel"
+        # both as they come: e-manual, items 7 and 8; Feetech's memory table, ID (5) and baud rate (6)
+        place = {"device_id": FACTORY_ID, "baud": 1_000_000 if model in FEETECH else FACTORY_BAUD} | place
         chain = [
             ServoPlace(name, model=model, spool_direction=direction, **place)
             for name, direction in zip(TENDONS, directions, strict=True)
         ]
-        supply = Supply(supply_v or load_model(model).motor.nominal_voltage_v)
+        supply = Supply(supply_v or load_ratings(model).nominal_voltage_v)
         self.plant = CellPlant(load_directory(PROFILES), seed=3, chain=chain, supply=supply)
         self.plant.mount(TENDONS, list("abc"), ["power"] * 3)
         self.plant.now_s = world.clock.now_s()
         for servo in self.plant.servos:
             servo.is_connected = False
-        bus = DynamixelChain(self.plant.servos, lock=self.plant.lock, before=self.plant.advance_to)
+        bus = make_chain(self.plant.servos, self.plant.lock, self.plant.advance_to)
         self.port = world.port(folder / "servos", bus if latency_s is None else UsbAdapter(bus, latency_s))
         world.live(self.plant.advance_to)
         self.file = folder / "cell.yaml"
 
     def wizard(self, hands, **changes):
-        settings = WizardSettings(self.file, str(self.folder / "servos"), tendons=TENDONS, selftest_s=0.5)
+        settings = WizardSettings(self.file, str(self.folder / "servos"), self.drive, tendons=TENDONS, selftest_s=0.5)
         make_loop = lambda backend, controller, rate: self.world.loop(backend, controller, rate, 4096)  # noqa: E731
-        return SetupWizard(replace(settings, **changes), hands, make_loop)
+        return SetupWizard(replace(settings, **changes), hands, make_loop, lambda _: FoundDevices())
 
     def powered(self):
         return [servo.registers.get("torque_enable") for servo in self.plant.servos]
@@ -134,6 +141,8 @@ def test_from_the_boxes_to_a_chain_that_is_ready(fresh):
         assert servo.slack_m == pytest.approx(0.005, abs=1e-3)
     assert bench.powered() == [0, 0, 0]
     assert "self-test: 3 servos" in hands.text
+    assert hands.questions == ["cell", "hand", "out", "profiles", "camera", "stage"]
+    assert cell.folders.out == bench.folder / "out"
     shipped = read_shipped(CONFIG)
     checked_configuration(shipped["tendon_driver"] | node_parameters(cell, shipped)["tendon_driver"])
 
@@ -151,6 +160,31 @@ def test_it_goes_on_where_it_was_left(fresh):
     once_more = Hands(bench.plant)
     assert bench.wizard(once_more).run()
     assert once_more.asked == []
+    assert once_more.questions == ["camera", "stage"]  # what the bench has not got
+
+
+def test_feetech_servos_are_led_the_same_way(fresh):
+    bench = fresh(model="STS3215")
+    hands = Hands(bench.plant)
+    assert bench.wizard(hands).run(), hands.text
+    cell = load_cell(bench.file)
+    assert cell.servos.drive == "feetech"
+    assert [(one.tendon, one.model, one.servo_id, one.direction) for one in cell.servos.chain] == [
+        ("index", "STS3215", 2, 1), ("middle", "STS3215", 3, -1), ("thumb", "STS3215", 4, 1),
+    ]  # fmt: skip
+    for servo, true_m in zip(cell.servos.chain, slack_m(bench.plant), strict=True):
+        assert servo.slack_m == pytest.approx(true_m, abs=2e-3)
+    assert bench.powered() == [0, 0, 0]
+    # none has 1, with which the next new one comes at the same rate
+    assert "ID is now 2, EPROM locked" in hands.text
+    assert "self-test: 3 servos" in hands.text
+    shipped = read_shipped(CONFIG)
+    checked_configuration(shipped["tendon_driver"] | node_parameters(cell, shipped)["tendon_driver"])
+    # for good: the EPROM was open while it was written, and is not any more
+    for servo in bench.plant.servos:
+        assert servo.registers.get("lock") == 1
+        servo.lose_power(0.0)
+    assert [servo.device_id for servo in bench.plant.servos] == [2, 3, 4]
 
 
 def both(hands):
@@ -164,6 +198,98 @@ def nobody(_):
 def others(hands):
     hands.connect("index", "middle")
     hands.plant.servos[1].registers.put("id", 9)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "error", "message"),
+    [
+        (both, ConfigurationError, r"found several with ID 1 at 1000000 baud; leave one on the cable"),
+        (nobody, DeviceNotFoundError, r"new feetech servo, found none .*supply is on .* --drive .damiao, dynamixel"),
+        (others, ConfigurationError, "found ID 1 at 1000000 baud, ID 9 at 1000000 baud; leave one of them"),
+    ],
+)
+def test_what_a_beginner_connects_wrong_is_named_of_feetech_servos_too(fresh, mistake, error, message):
+    bench = fresh(model="STS3215")
+    for turned, servo in enumerate(bench.plant.servos):
+        servo.shaft.angle_rad += turned
+        servo.fold()
+    with pytest.raises(error, match=message):
+        bench.wizard(Hands(bench.plant, {"connect.index": mistake})).run()
+    assert not bench.file.exists()
+
+
+@pytest.mark.parametrize(
+    ("mistake", "message"),
+    [
+        (
+            lambda bench: bench.plant.servos[1].registers.put_kept("baud_rate", 1),
+            r"middle: .* ID 3 at 500000 baud; set",
+        ),
+        (lambda bench: Hands(bench.plant).connect(*TENDONS, connected=False), "index: .* nobody at any baud rate"),
+        (
+            lambda bench: Hands(bench.plant).connect("middle", connected=False),
+            "middle: .* found ID 2, 4 instead; press in",
+        ),
+    ],
+    ids=["baud", "supply", "plug"],
+)
+def test_what_goes_wrong_with_a_feetech_chain_is_named(fresh, mistake, message):
+    bench = fresh(model="STS3215")
+    named_chain(bench)
+    mistake(bench)
+    with pytest.raises(DeviceNotFoundError, match=message):
+        bench.wizard(Hands(bench.plant)).run()
+
+
+def test_a_feetech_adapter_with_its_16_ms_and_a_reversed_spool_are_named(fresh):
+    bench = fresh(model="STS3215", latency_s=0.016)
+    hands = Hands(bench.plant, {"straight": leave})
+    with pytest.raises(KeyboardInterrupt):
+        bench.wizard(hands).run()
+    assert re.search(r"adapter keeps bytes back: expected replies within 3 ms, found 1\d ms; .*make udev", hands.text)
+    bench.file.write_text(bench.file.read_text().replace("direction: -1", "direction: 1"))
+    with pytest.raises(ConfigurationError, match="middle: expected a spool that pulls in direction 1, found -1"):
+        bench.wizard(Hands(bench.plant)).run()
+
+
+def test_a_feetech_supply_of_the_wrong_voltage_is_named(fresh):
+    bench = fresh(model="STS3215", supply_v=12.0)
+    with pytest.raises(WrongDeviceError, match=r"expected a supply of 4 to 7.4 V for a STS3215, found 12.0 V"):
+        bench.wizard(Hands(bench.plant)).run()
+
+
+def test_a_chain_has_servos_of_one_make(fresh):
+    bench = fresh()
+    named_chain(bench)
+    with pytest.raises(ConfigurationError, match=r"expected that of the chain in .*, dynamixel, found feetech"):
+        bench.wizard(Hands(bench.plant), drive="feetech")
+
+
+def test_damiao_motors_are_said_to_be_set_with_their_makers_tool(fresh):
+    bench = fresh()
+    with pytest.raises(
+        ConfigurationError, match=r"Damiao motors: give each its CAN ID .1 to 15. with the maker's tool"
+    ):
+        bench.wizard(Hands(bench.plant), drive="damiao")
+    with pytest.raises(
+        ConfigurationError, match=r"drive: expected a backend .* found 'grbl'; write its chain .* by hand"
+    ):
+        bench.wizard(Hands(bench.plant), drive="grbl")
+
+
+def test_a_package_may_bring_the_set_up_of_its_own_drives(monkeypatch):
+    class Entry:
+        name, value = "paper", "paper_drive:make_setup"
+
+        def load(self):
+            return lambda: "its set-up"
+
+    monkeypatch.setattr(drive_setup, "entry_points", lambda group: [Entry()] * (group == "softgrip.drive_setups"))
+    assert drive_setup.drive_setup("paper") == "its set-up"
+    assert "paper" in drive_setup.setup_names()
+    monkeypatch.setattr(Entry, "load", lambda _: 1 / 0)
+    with pytest.raises(ConfigurationError, match="expected to load paper_drive:make_setup, found ZeroDivisionError"):
+        drive_setup.drive_setup("paper")
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from softgrip_emulator.damiao.adapter import SlcanAdapter
 from softgrip_emulator.damiao.motor import EmulatedDamiaoMotor
 from softgrip_emulator.dynamixel import table as dynamixel_table
 from softgrip_emulator.dynamixel.chain import DynamixelChain
-from softgrip_emulator.dynamixel.servo import EmulatedServo
+from softgrip_emulator.dynamixel.servo import FACTORY_BAUD, FACTORY_ID, EmulatedServo
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.feetech import memory as feetech_memory
 from softgrip_emulator.feetech.chain import FeetechChain
@@ -78,6 +78,23 @@ def load_ratings(model: str) -> MotorRatings:
     """Motor and gear of a model by name; raises EmulatorError where there is none."""
     ratings: MotorRatings = _model(model).motor
     return ratings
+
+
+def factory_settings(model: str) -> tuple[int, int]:
+    """ID and speed [bit/s] of a model as it comes.
+
+    Raises:
+        EmulatorError: no such model, or one that has no ID on a serial bus.
+    """
+    described = _model(model)
+    if isinstance(described, feetech_memory.EmulatedFeetechModel):
+        values = {item.name: item.initial for item in described.items}
+        return values["id"], feetech_memory.BAUD_OF_REGISTER[values["baud_rate"]]
+    if isinstance(described, damiao_motor.EmulatedDamiaoModel):
+        raise EmulatorError(
+            f"factory_fresh: expected servos that get their IDs over the bus, found {model}; its maker's tool sets it"
+        )
+    return FACTORY_ID, FACTORY_BAUD
 
 
 def _model(name: str) -> Any:

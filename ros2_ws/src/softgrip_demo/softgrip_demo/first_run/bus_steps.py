@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from stat import S_ISCHR
@@ -15,15 +15,24 @@ from softgrip_demo.errors import FirstRunError
 from softgrip_demo.first_run.figures import Figure, at_least, at_most, equal_to, within
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain
 from softgrip_driver.commands import selftest
-from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S, naming_advice
-from softgrip_driver.dynamixel.backend import DynamixelBackend
-from softgrip_driver.dynamixel.bringup import SHARED_ID_REMEDY, who_answers
-from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.dynamixel.registers import HardwareError
-from softgrip_driver.wizard.chain import chain_backend, chain_controller, chain_rate, make_loop, model_of, open_bus
+from softgrip_driver.wizard.chain import (
+    BAUD,
+    chain_backend,
+    chain_controller,
+    chain_rate,
+    homing_tension,
+    is_calibrated,
+    make_loop,
+    model_of,
+    open_bus,
+    setup_of,
+    spool_of,
+    torque_of,
+    torque_of_data_sheet,
+)
 from softgrip_driver.wizard.direction import measure_direction, reversed_spool_remedy
-from softgrip_driver.wizard.naming import SUPPLY_REMEDY
+from softgrip_driver.wizard.drive_setup import BusMeasurement, DriveSetup, SetupBackend, SetupBus
 from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan, release
 from softgrip_driver.wizard.wizard import WizardSettings
 from softgrip_time import Clock
@@ -34,8 +43,9 @@ MAX_LATENCY_TIMER_S = 0.001
 MAX_LOST_SHARE = 0.001
 #: [m] by which the zero may move between two homings: position_tolerance_m of the driver
 MAX_ZERO_SHIFT_M = 3e-4
-#: relative uncertainty of a tension: that of the data sheet (parameter tension_stddev_share)
-MAX_TENSION_SHARE = 0.15
+CALIBRATE_REMEDY = (
+    "`ros2 run softgrip_driver calibrate_tension` with a gauge in the tendon does better (docs/bench.md, section 6)"
+)
 
 
 @dataclass
@@ -62,15 +72,20 @@ class BenchBus:
         assert self.cell.servos is not None
         return self.cell.servos
 
-    def open(self) -> AbstractContextManager[Bus]:
+    @property
+    def setup(self) -> DriveSetup:
+        """What is known of the servos' make; raises ConfigurationError where nothing is."""
+        return setup_of(self.chain)
+
+    def open(self) -> AbstractContextManager[SetupBus]:
         """Give the open bus, and close it; raises DriverError."""
         return open_bus(self.chain, self.reply_margin_s, self.clock)
 
     @cached_property
-    def measured(self) -> selftest.Measurement:
+    def measured(self) -> BusMeasurement:
         """The self-test, measured once for the steps that look at it."""
         with self.open() as bus:
-            return selftest.measure(bus, self.selftest_s)
+            return self.setup.measure(bus, self.selftest_s)
 
 
 @dataclass(frozen=True)
@@ -117,40 +132,28 @@ class IdsStep:
 
     def measure(self) -> Iterator[Figure]:
         """Yield three figures for each servo."""
-        chain = self.bench.chain
+        chain, setup = self.bench.chain, self.bench.setup
+        baud = chain.baud or BAUD
         with self.bench.open() as bus:
-            found = bus.broadcast_ping(0.5)
+            found = {one.servo_id: one for one in setup.find(bus, 0.5)}
             if not found:
                 raise FirstRunError(
-                    f"{chain.port}: expected servos at {bus.port.baudrate} baud, found {who_answers(bus)}; "
-                    f"{SUPPLY_REMEDY}"
+                    f"{chain.port}: expected servos at {baud} baud, found {setup.who_answers(bus)}; "
+                    f"{setup.supply_remedy}"
                 )
             for servo in chain.chain:
-                number = found.get(servo.servo_id, (0, 0))[0]
-                shown = reg.MODEL_NAMES.get(number, f"model {number}" if number else "nobody")
+                model, one = model_of(chain, servo), found.get(servo.servo_id)
+                shown = "nobody" if one is None else setup.model_names.get(one.number, f"model {one.number}")
                 who = f"{servo.tendon}, ID {servo.servo_id}"
-                remedy = "correct its model in the cell file" if number else f"on the bus: {who_answers(bus)}"
-                yield equal_to(who, shown, model_of(servo).name, remedy)
-                if number:
-                    is_shared = bus.is_shared(servo.servo_id)
-                    yield equal_to(
-                        f"{who}: servos with this ID", "several" if is_shared else "1", "1", SHARED_ID_REMEDY
-                    )
-                    error = HardwareError(bus.read(servo.servo_id, reg.HARDWARE_ERROR, attempts=3))
-                    options = f"--port {chain.port} --baud {bus.port.baudrate} --id {servo.servo_id} --reboot"
-                    remedy = f"{_cause_of(error, servo)}, then `ros2 run softgrip_driver setup {options}`"
+                remedy = "correct its model in the cell file" if one else f"on the bus: {setup.who_answers(bus)}"
+                yield equal_to(who, shown, model.name, remedy)
+                if one is not None:
+                    several = "several" if one.is_shared else "1"
+                    yield equal_to(f"{who}: servos with this ID", several, "1", setup.shared_id_remedy)
+                    error = setup.health(bus, servo.servo_id).error
+                    causes = "; ".join(setup.error_causes(error, model)) or "remove the cause"
+                    remedy = f"{causes}, then {setup.reset_remedy(chain.port, baud, servo.servo_id)}"
                     yield equal_to(f"{who}: hardware error", error.name or "none", "none", remedy)
-
-
-def _cause_of(error: HardwareError, servo: ChainServo) -> str:
-    """Return what to remove before a servo is rebooted."""
-    low, high = model_of(servo).voltage_range
-    causes = {
-        HardwareError.INPUT_VOLTAGE: f"its supply is or was not {low:g} to {high:g} V: use one that is",
-        HardwareError.OVERHEATING: "let it cool down",
-        HardwareError.OVERLOAD: "free its tendon",
-    }
-    return "; ".join(text for bit, text in causes.items() if bit in error) or "remove the cause"
 
 
 @dataclass(frozen=True)
@@ -200,11 +203,11 @@ class SupplyStep:
 
     def measure(self) -> Iterator[Figure]:
         """Yield voltage and temperature of each servo."""
-        chain = self.bench.chain
+        chain, setup = self.bench.chain, self.bench.setup
         with self.bench.open() as bus:
             for servo in chain.chain:
-                model = model_of(servo)
-                volts = bus.read(servo.servo_id, reg.PRESENT_VOLTAGE, attempts=3) * reg.VOLT_PER_UNIT
+                model, health = model_of(chain, servo), setup.health(bus, servo.servo_id)
+                volts = health.voltage_v
                 low, high = model.voltage_range
                 remedy = (
                     f"a {model.name} takes {low:g} to {high:g} V: switch off and use another supply"
@@ -212,7 +215,7 @@ class SupplyStep:
                     else "use a stronger supply and shorter leads, or one of a higher voltage"
                 )
                 yield within(f"{servo.tendon}: supply", volts, model.voltage_range, "V", remedy)
-                degc = float(bus.read(servo.servo_id, reg.PRESENT_TEMPERATURE, attempts=3))
+                degc = health.temperature_degc
                 remedy = "let it cool down; something may press on its tendon"
                 yield at_most(f"{servo.tendon}: temperature", degc, model.temperature_limit - 15.0, "degC", remedy)
 
@@ -237,13 +240,13 @@ class ZeroStep:
             return
         are_right = True
         for servo in chain.chain:
-            found = measure_direction(servo, lambda one: self._backend([one]))
+            found = measure_direction(chain, servo, lambda one: self._backend([one]))
             are_right &= found == servo.direction
             yield equal_to(f"{servo.tendon}: pulls in direction", found, servo.direction, reversed_spool_remedy(servo))
         if are_right:  # homing would pay out a tendon that is wound the other way round
             yield from self._shifts()
 
-    def _backend(self, servos: Sequence[ChainServo]) -> DynamixelBackend:
+    def _backend(self, servos: Sequence[ChainServo]) -> SetupBackend:
         bench = self.bench
         return chain_backend(bench.chain, servos, bench.reply_margin_s, bench.say, bench.clock)
 
@@ -251,7 +254,8 @@ class ZeroStep:
         chain = self.bench.chain
         backend = self._backend(chain.chain)
         controller = chain_controller(chain, chain.chain)
-        plan = replace(TensioningPlan(), rounds=3)
+        taut_n = homing_tension(chain, self.bench.cell.parameters.get("tendon_driver", {}))
+        plan = TensioningPlan(tension_n=max(TensioningPlan.tension_n, taut_n), rounds=3)
         try:
             with backend.bus.clock.stepping():
                 backend.connect()
@@ -274,7 +278,7 @@ class ZeroStep:
 
 @dataclass(frozen=True)
 class TensionStep:
-    """How well tensions are known."""
+    """How well tensions are known: by a calibration, or by the data sheet alone, which the record says."""
 
     bench: BenchBus
     key = "tension"
@@ -282,10 +286,21 @@ class TensionStep:
     needs = ("servos",)
 
     def measure(self) -> Iterator[Figure]:
-        """Yield the relative uncertainty of each tendon's tension."""
-        for servo in self.bench.chain.chain:
-            share, source = servo.torque.tension_stddev_share, "calibrate_tension"
-            if share is None:
-                share, source = MAX_TENSION_SHARE, "the data sheet"
+        """Yield what each tendon's tension is known to: a share of it, and what standing gears hide."""
+        chain = self.bench.chain
+        homing_n = homing_tension(chain, self.bench.cell.parameters.get("tendon_driver", {}))
+        for servo in chain.chain:
+            torque, radius = torque_of(chain, servo), spool_of(servo).radius
+            share = torque.relative_stddev
+            _, hidden_n = torque.pull(0.0, 0.0, radius)
             remedy = "run calibrate_tension with a gauge in the tendon, and put its lines into the cell file"
-            yield at_most(f"{servo.tendon}: uncertainty, from {source}", share, MAX_TENSION_SHARE, "", remedy)
+            known = f"+-{100.0 * share:.0f} % and {hidden_n:.1f} N"
+            remark = "" if is_calibrated(servo) else f"not calibrated: data-sheet values, {known}; {CALIBRATE_REMEDY}"
+            yield at_most(
+                f"{servo.tendon}: uncertainty, from {torque.source}",
+                100.0 * share,
+                100.0 * torque_of_data_sheet(chain, servo).relative_stddev,
+                "%",
+                remedy,
+            ).with_remark(remark)
+            yield at_most(f"{servo.tendon}: hidden by standing gears", hidden_n, homing_n, "N", remedy)

@@ -13,7 +13,7 @@ from softgrip_demo.errors import FirstRunError, ShiftError
 from softgrip_demo.first_run.figures import Figure, StepReport, StepStatus
 from softgrip_demo.first_run.record import FirstRunRecord, save_record
 from softgrip_description.cell_file import CellFile
-from softgrip_driver.errors import DriverError
+from softgrip_driver.errors import DriverError, NoSetupError
 from softgrip_vision.errors import VisionError
 
 #: what a step may end with: each says what was expected, what was found, what to do
@@ -81,6 +81,8 @@ class Checklist:
         problem = ""
         try:
             figures.extend(step.measure())
+        except NoSetupError as error:
+            return StepReport(step.key, step.title, StepStatus.LEFT_OUT, tuple(figures), str(error), _now())
         except EXPECTED_ERRORS as error:
             problem = str(error)
         is_good = not problem and all(figure.is_good for figure in figures)
@@ -89,8 +91,12 @@ class Checklist:
 
     def _tell(self, report: StepReport) -> None:
         self._say(f"[{report.status.value:^8}] {report.title}")
+        if report.status is StepStatus.LEFT_OUT and report.problem:
+            self._say(f"  -- {report.problem}")
         for figure in report.figures:
             self._say(f"    {'ok' if figure.is_good else '!!'}  {figure.name}: {figure.found} ({figure.bound})")
+        for remark in report.remarks:
+            self._say(f"  -- {remark}")
         for complaint in report.complaints:
             self._say(f"  -> {complaint}")
 

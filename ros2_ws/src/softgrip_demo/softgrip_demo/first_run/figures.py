@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 
@@ -25,6 +25,7 @@ class Figure:
         bound: what was expected.
         is_good: whether it is within.
         remedy: what to do where it is not.
+        remark: what a reader must know of a figure that is within, such as that it was not measured; empty else.
     """
 
     name: str
@@ -32,6 +33,11 @@ class Figure:
     bound: str
     is_good: bool
     remedy: str = ""
+    remark: str = ""
+
+    def with_remark(self, remark: str) -> Figure:
+        """Return the figure with what a reader must know of it."""
+        return replace(self, remark=remark)
 
 
 def at_most(name: str, value: float, bound: float, unit: str, remedy: str) -> Figure:
@@ -73,6 +79,11 @@ class StepReport:
     figures: tuple[Figure, ...] = ()
     problem: str = ""
     ended_at: str = ""
+
+    @property
+    def remarks(self) -> list[str]:
+        """What a reader must know of figures that are within their bounds."""
+        return [f"{one.name}: {one.remark}" for one in self.figures if one.is_good and one.remark]
 
     @property
     def complaints(self) -> list[str]:

@@ -55,6 +55,11 @@ class FirstRunRecord:
         return all(report.status is not StepStatus.BAD for report in self.reports.values())
 
     @property
+    def remarks(self) -> list[str]:
+        """What a reader must know of figures that are within their bounds, of every step."""
+        return [remark for report in self.reports.values() for remark in report.remarks]
+
+    @property
     def digest(self) -> str:
         """SHA-256 of all that the page shows, name and time included: another figure makes another digest."""
         return text_sha256(json.dumps(_document(self), sort_keys=True))
@@ -92,12 +97,20 @@ def _document(record: FirstRunRecord) -> dict[str, Any]:
         "schema": SCHEMA,
         "cell_file": record.cell_file,
         "cell_digest": record.cell_digest,
-        "reports": [asdict(report) for report in record.reports.values()],
+        "reports": [_row(report) for report in record.reports.values()],
         "name": record.name,
         "signed_at": record.signed_at,
         # named only where it is so: signatures of records from before there was the name go on to hold
         **({"is_emulated": True} if record.is_emulated else {}),
     }
+
+
+def _row(report: StepReport) -> dict[str, Any]:
+    row = asdict(report)
+    for figure in row["figures"]:
+        if not figure["remark"]:  # as with is_emulated
+            del figure["remark"]
+    return row
 
 
 def _report(row: Mapping[str, Any]) -> StepReport:

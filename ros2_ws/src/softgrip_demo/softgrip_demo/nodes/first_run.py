@@ -36,7 +36,8 @@ from softgrip_description.cell_file import CellCamera, CellFile, load_cell
 from softgrip_description.errors import CellFileError
 from softgrip_driver.commands.common import add_lockstep_option, clock_of
 from softgrip_driver.commands.person import Terminal, TerminalPerson, WrittenAnswers, read_answers
-from softgrip_driver.errors import DriverError
+from softgrip_driver.errors import DriverError, NoSetupError
+from softgrip_driver.tendon.needs import SHIPPED_LOOP_RATE
 from softgrip_driver.wizard.chain import chain_rate
 
 TEXT = """Run a new cell from its ports to its first grasp, and write every figure beside its bound into one page.
@@ -74,13 +75,23 @@ def cell_steps(session: CellSession, hands: BenchHands, cell: CellFile, finger_s
     """Return the steps on the running cell, in order."""
     slots = [servo.tendon for servo in cell.servos.chain] if cell.servos else []
     values = cell.parameters.get("tendon_driver", {})
-    rate_hz = float(values.get("loop_rate", chain_rate(cell.servos) if slots and cell.servos else 0.0))
+    rate_hz = float(values.get("loop_rate", _rate_of(cell)))
     return [
         HomeStep(session, rate_hz),
         FrictionStep(session, hands),
         ChecksStep(session, hands, finger_set, slots),
         GraspCubeStep(session, hands, float(values.get("tension_soft_n", TENSION_SOFT_N))),
     ]
+
+
+def _rate_of(cell: CellFile) -> float:
+    """Return the rate [Hz] that the servos ask of the loop; the shipped one where nothing is known of them."""
+    if cell.servos is None or not cell.servos.chain:
+        return 0.0
+    try:
+        return chain_rate(cell.servos)
+    except NoSetupError:
+        return SHIPPED_LOOP_RATE
 
 
 def work(options: argparse.Namespace, person: Terminal) -> int:

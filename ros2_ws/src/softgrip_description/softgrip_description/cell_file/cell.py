@@ -254,8 +254,8 @@ class _Reader:
         return None if text is None else self._folder / Path(text).expanduser()
 
 
-def cell_text(cell: CellFile) -> str:
-    """Return a cell file's text; what is as shipped is left out."""
+def cell_text(cell: CellFile, folder: Path | None = None) -> str:
+    """Return a cell file's text; what is as shipped is left out, and paths within ``folder`` are relative to it."""
     data: dict[str, Any] = {"schema": SCHEMA, "cell": cell.name, "hardware": cell.hardware}
     if cell.servos is not None:
         rows = [_row(servo) for servo in cell.servos.chain]
@@ -263,14 +263,14 @@ def cell_text(cell: CellFile) -> str:
         data["servos"] = {"drive": servos.drive, "port": servos.port, "baud": servos.baud, "chain": rows}
     data |= {"hand": cell.hand, "camera": cell.camera, "rig": cell.rig, "folders": cell.folders}
     data["parameters"] = {node: dict(values) for node, values in cell.parameters.items()}
-    return _HEADER + yaml.safe_dump(_plain(data), sort_keys=False, width=110)
+    return _HEADER + yaml.safe_dump(_plain(data, folder), sort_keys=False, width=110)
 
 
 def save_cell(cell: CellFile, path: Path) -> None:
     """Write a cell file whole, or not at all; raises CellFileError where that cannot be done."""
     path = path.expanduser()
     try:
-        write_durably(path, cell_text(cell).encode())
+        write_durably(path, cell_text(cell, path.resolve().parent).encode())
     except OSError as error:
         raise CellFileError(f"{path}: expected a file that can be written, found: {error}; choose another") from error
 
@@ -282,13 +282,15 @@ def _row(servo: ChainServo) -> dict[str, Any]:
     return {name: values[name] for name in order}
 
 
-def _plain(value: Any) -> Any:
-    """Return plain values without what is None or empty."""
+def _plain(value: Any, folder: Path | None) -> Any:
+    """Return plain values without what is None or empty, paths within a folder relative to it."""
     if hasattr(value, "__dataclass_fields__"):
         value = {one.name: getattr(value, one.name) for one in fields(value)}
     if isinstance(value, dict):
-        inner = {name: _plain(one) for name, one in value.items()}
+        inner = {name: _plain(one, folder) for name, one in value.items()}
         return {name: one for name, one in inner.items() if one is not None and one not in ({}, "")}
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    return str(value) if isinstance(value, Path) else value
+        return [_plain(one, folder) for one in value]
+    if isinstance(value, Path):
+        return str(value.relative_to(folder) if folder is not None and value.is_relative_to(folder) else value)
+    return value

@@ -13,10 +13,13 @@ from typing import NoReturn
 
 from softgrip_driver.dynamixel.registers import BAUD_CODES
 from softgrip_driver.errors import ConfigurationError, DriverError
+from softgrip_driver.feetech.registers import BAUD_CODES as FEETECH_BAUD_CODES
 from softgrip_driver.rig.build import GAUGES, StreamSettings
 from softgrip_driver.rig.line_format import FORMATS
 from softgrip_time import Clock, SimulatedClock, WallClock
 
+#: [1/s] of all buses; each takes some of them
+BAUDS = frozenset(BAUD_CODES) | frozenset(FEETECH_BAUD_CODES)
 #: exit codes
 DONE, FAILED = 0, 1
 #: what ends a command: Ctrl-C, kill, the terminal closed
@@ -49,13 +52,18 @@ def number(low: float, high: float, kind: type[float | int] = float) -> Callable
 def add_bus_options(arguments: argparse.ArgumentParser, *, required: bool = True) -> None:
     """Add --port, --baud and --reply-margin."""
     arguments.add_argument("--port", default="", required=required, help="port of the servo bus, e.g. /dev/ttyUSB0")
-    arguments.add_argument(
-        "--baud", type=int, default=1_000_000, choices=sorted(BAUD_CODES), help="default %(default)s"
-    )
+    arguments.add_argument("--baud", type=int, default=1_000_000, choices=sorted(BAUDS), help="default %(default)s")
     arguments.add_argument(
         "--reply-margin", type=number(5e-4, 1.0), default=0.02, metavar="S",
         help="time for a reply beyond that of its bytes, default %(default)s s",
     )  # fmt: skip
+
+
+def add_drive_option(arguments: argparse.ArgumentParser) -> None:
+    """Add --drive: whose servos they are."""
+    arguments.add_argument(
+        "--drive", metavar="NAME", help="dynamixel (default), feetech, or a backend of an installed package"
+    )
 
 
 def add_line_options(arguments: argparse.ArgumentParser) -> None:

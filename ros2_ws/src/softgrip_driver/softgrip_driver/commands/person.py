@@ -93,6 +93,38 @@ class WrittenAnswers:
         return False
 
 
+class GivenAnswers:
+    """Answers that options of a command gave, before anybody else is asked.
+
+    Args:
+        answers: key -> answer.
+        person: who answers the rest.
+    """
+
+    def __init__(self, answers: Mapping[str, str], person: Terminal) -> None:
+        self._answers, self._person = answers, person
+
+    def print_line(self, text: str) -> None:
+        """Print a line."""
+        self._person.print_line(text)
+
+    def ask(self, key: str, text: str, default: str = "") -> str:
+        """Return the option's answer, else the person's; raises ConfigurationError as the person does."""
+        answer = self._answers.get(key)
+        if answer is None:
+            return self._person.ask(key, text, default)
+        self.print_line(f"? {text}: {answer}")
+        return answer
+
+    def confirm(self, key: str, text: str) -> None:
+        """Let the person do it."""
+        self._person.confirm(key, text)
+
+    def try_again(self, key: str, problem: str) -> bool:
+        """Let the person decide."""
+        return self._person.try_again(key, problem)
+
+
 def read_answers(path: Path) -> dict[str, str]:
     """Return the answers of a YAML file, key -> answer.
 

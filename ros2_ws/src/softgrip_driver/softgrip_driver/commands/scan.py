@@ -6,61 +6,43 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from serial.tools import list_ports
 
-from softgrip_driver.commands.common import DONE, FAILED, number, parser, run
+from softgrip_driver.commands.common import BAUDS, DONE, FAILED, add_drive_option, number, parser, run
 from softgrip_driver.dynamixel.adapter import naming_advice
-from softgrip_driver.dynamixel.bringup import BOOT_LOADER_REMEDY, SHARED_ID_REMEDY
-from softgrip_driver.dynamixel.bus import Bus
-from softgrip_driver.dynamixel.registers import BAUD_CODES, HARDWARE_ERROR, MODEL_NAMES, HardwareError
-from softgrip_driver.errors import DriverError, PortLostError
+from softgrip_driver.errors import ConfigurationError, PortLostError
+from softgrip_driver.wizard.drive_setup import DriveSetup, FoundServo, drive_setup
 from softgrip_time import Clock
 
-TEXT = """Find Dynamixel servos: every serial port (or --port), every baud rate, every ID.
+TEXT = """Find servos (Dynamixel, or those of --drive): every serial port (or --port), every baud rate, every ID.
 Nothing is written and nothing moves.
 
 Exit code 0 when at least one servo was found, and none shares its ID with another one."""
 
 
-@dataclass(frozen=True)
-class Found:
-    """A servo that answered."""
-
-    port: str
-    baud: int
-    servo_id: int
-    model: int
-    firmware: int
-    hardware_error: HardwareError | None
-    shared: bool
-
-    def line(self) -> str:
-        """Return the row of the table."""
-        error = "no answer" if self.hardware_error is None else (self.hardware_error.name or "none")
-        error = "several servos with this ID" if self.shared else error
-        name = MODEL_NAMES.get(self.model, "unknown")
-        return f"{self.port:<16}{self.baud:>9}{self.servo_id:>5}  {name:<12}{self.model:>6}{self.firmware:>5}  {error}"
+HEAD = f"{'port':<16}{'baud':>9}{'ID':>5}  {'model':<12}{'number':>6}{'fw':>5}  error"
 
 
-HEAD = f"{'port':<16}{'baud':>9}{'ID':>5}  {'model':<12}{'number':>6}{'fw':>5}  hardware error"
+def line_of(found: FoundServo) -> str:
+    """Return the row of the table of a servo that answered."""
+    error = "no answer" if found.error is None else (found.error.name or "none")
+    error = "several servos with this ID" if found.is_shared else error
+    return (
+        f"{found.port:<16}{found.baud:>9}{found.servo_id:>5}  {found.name:<12}{found.number:>6}{found.firmware:>5}  "
+        f"{error}"
+    )
 
 
-def scan_port(port: str, bauds: Sequence[int], wait: float, clock: Clock | None = None) -> Iterator[Found]:
+def scan_port(
+    setup: DriveSetup, port: str, bauds: Sequence[int], wait: float, clock: Clock | None = None
+) -> Iterator[FoundServo]:
     """Yield the servos of one port; raises PortLostError when it cannot be opened."""
     for baud in bauds:
-        bus = Bus(port, baud, 0.02, clock)
+        bus = setup.make_bus(port, baud, 0.02, clock)
         bus.open()
         try:
-            for servo_id, (model, firmware) in sorted(bus.broadcast_ping(wait).items()):
-                try:
-                    error: HardwareError | None = HardwareError(bus.read(servo_id, HARDWARE_ERROR, attempts=3))
-                except PortLostError:
-                    raise
-                except DriverError:
-                    error = None
-                yield Found(port, baud, servo_id, model, firmware, error, bus.is_shared(servo_id))
+            yield from setup.find(bus, wait)
         finally:
             bus.close()
 
@@ -89,19 +71,24 @@ def _ports(given: str) -> list[str]:
 
 def work(options: argparse.Namespace) -> int:
     """Scan and print."""
+    setup = drive_setup(options.drive)
     ports = _ports(options.port)
     if not ports:
         return FAILED
-    bauds = [options.baud] if options.baud else sorted(BAUD_CODES, key=lambda baud: baud != 57600)
+    if options.baud and options.baud not in setup.bauds:
+        raise ConfigurationError(
+            f"--baud: expected one of {sorted(setup.bauds)} for drive '{setup.name}', found {options.baud}"
+        )
+    bauds = [options.baud] if options.baud else setup.bauds
     print(HEAD)
-    seen: list[Found] = []
+    seen: list[FoundServo] = []
     silent: list[str] = []
     for port in ports:
         before = len(seen)
         try:
-            for found in scan_port(port, bauds, options.wait):
+            for found in scan_port(setup, port, bauds, options.wait):
                 seen.append(found)
-                print(found.line(), flush=True)
+                print(line_of(found), flush=True)
             silent += [port] * (len(seen) == before)
         except PortLostError as error:
             print(error, file=sys.stderr)
@@ -109,11 +96,11 @@ def work(options: argparse.Namespace) -> int:
             print(f"{port}: {advice}")
     if silent and not seen:
         print(
-            f"no servo answered on {', '.join(silent)}; check power, cable and adapter; {BOOT_LOADER_REMEDY}",
+            f"no servo answered on {', '.join(silent)}; check power, cable and adapter; {setup.supply_remedy}",
             file=sys.stderr,
         )
-    if any(found.shared for found in seen):
-        print(f"several servos answer to one ID: {SHARED_ID_REMEDY}", file=sys.stderr)
+    if any(found.is_shared for found in seen):
+        print(f"several servos answer to one ID: {setup.shared_id_remedy}", file=sys.stderr)
         return FAILED
     return DONE if seen else FAILED
 
@@ -122,7 +109,8 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = parser("scan", TEXT)
     arguments.add_argument("--port", default="", help="only this port")
-    arguments.add_argument("--baud", type=int, choices=sorted(BAUD_CODES), help="only this baud rate")
+    arguments.add_argument("--baud", type=int, choices=sorted(BAUDS), help="only this baud rate")
+    add_drive_option(arguments)
     arguments.add_argument(
         "--wait", type=number(0.01, 10.0), default=0.5, metavar="S", help="for answers, default %(default)s s"
     )

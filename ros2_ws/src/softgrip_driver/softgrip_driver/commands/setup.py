@@ -7,16 +7,17 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from softgrip_driver.commands.common import DONE, add_bus_options, parser, run
+from softgrip_driver.commands.common import BAUDS, DONE, add_bus_options, add_drive_option, parser, run
 from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.bringup import SHARED_ID_REMEDY
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.restart import restart
 from softgrip_driver.errors import ConfigurationError, CorruptReplyError, NoReplyError
+from softgrip_driver.wizard.drive_setup import drive_setup
 
 TEXT = """Set up one servo: its ID, its baud rate, no return delay. Torque is switched off first.
 
-A new servo has ID 1 at 57600 baud. Connect one at a time:
+A new Dynamixel has ID 1 at 57600 baud, a new Feetech (--drive feetech) ID 1 at 1 Mbaud. Connect one at a time:
     setup --port /dev/ttyUSB0 --baud 57600 --id 1 --new-id 3 --new-baud 1000000
 After an overload or another hardware error:
     setup --port /dev/ttyUSB0 --id 3 --reboot"""
@@ -73,13 +74,19 @@ def reboot(bus: Bus, servo_id: int) -> str:
 
 def work(options: argparse.Namespace) -> int:
     """Do what was asked for."""
-    bus = Bus(options.port, options.baud, options.reply_margin)
+    setup = drive_setup(options.drive)
+    bus = setup.make_bus(options.port, options.baud, options.reply_margin, None)
+    if options.reboot and not isinstance(bus, Bus):
+        raise ConfigurationError(
+            f"--reboot: expected Dynamixel servos, found drive '{setup.name}'; "
+            f"{setup.reset_remedy(options.port, options.baud, options.id)}"
+        )
     bus.open()
     try:
         if options.reboot:
             print(reboot(bus, options.id))
         if options.new_id is not None or options.new_baud is not None or not options.reboot:
-            print("\n".join(assign(bus, options.id, options.new_id, options.new_baud)))
+            print("\n".join(setup.assign(bus, options.id, options.new_id, options.new_baud)))
     finally:
         bus.close()
     return DONE
@@ -89,9 +96,10 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = parser("setup", TEXT)
     add_bus_options(arguments)
+    add_drive_option(arguments)
     arguments.add_argument("--id", type=int, required=True, choices=range(253), metavar="0..252", help="present ID")
     arguments.add_argument("--new-id", type=int, choices=range(253), metavar="0..252")
-    arguments.add_argument("--new-baud", type=int, choices=sorted(reg.BAUD_CODES))
+    arguments.add_argument("--new-baud", type=int, choices=sorted(BAUDS))
     arguments.add_argument(
         "--reboot", action="store_true", help="reboot it; clears a hardware error and its turn count"
     )

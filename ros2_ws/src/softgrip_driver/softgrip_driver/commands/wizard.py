@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""`ros2 run softgrip_driver wizard`: from servos as they come to a named, verified, tensioned chain, in a cell file."""
+"""`ros2 run softgrip_driver wizard`: from servos as they come to the cell file of a whole cell."""
 
 from __future__ import annotations
 
@@ -9,34 +9,67 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from softgrip_description.errors import CellFileError
-from softgrip_driver.commands.common import DONE, FAILED, add_lockstep_option, clock_of, number, parser, run
-from softgrip_driver.commands.person import Terminal, TerminalPerson, WrittenAnswers, read_answers
+from softgrip_driver.commands.common import (
+    BAUDS,
+    DONE,
+    FAILED,
+    add_drive_option,
+    add_lockstep_option,
+    clock_of,
+    number,
+    parser,
+    run,
+)
+from softgrip_driver.commands.person import GivenAnswers, Terminal, TerminalPerson, WrittenAnswers, read_answers
 from softgrip_driver.dynamixel.adapter import stable_names
-from softgrip_driver.dynamixel.registers import BAUD_CODES
 from softgrip_driver.errors import ConfigurationError
+from softgrip_driver.rig.build import GAUGES, STAGES
 from softgrip_driver.wizard.direction import SpoolPull
 from softgrip_driver.wizard.tensioning import TensioningPlan
 from softgrip_driver.wizard.wizard import SetupWizard, WizardSettings
 
-TEXT = """Lead from servos as they come (ID 1, 57600 baud) to a chain that is ready, and write it into a cell file.
+TEXT = """Lead from servos as they come to a chain that is ready, and write it into a cell file.
+
+Servos are Dynamixel (ID 1, 57600 baud), or Feetech with --drive feetech (ID 1, 1 Mbaud).
 
 1. each servo gets its ID: put them on the cable one after the other, as you are asked to
 2. the direction of each spool, by a small pull (about 2 N, 20 mm at most)
 3. tensioning: wind, hold, release until the zero stays; ends with a stated slack
 4. self-test
+5. the rest of the cell: its name, hand, folders, camera and friction rig; devices are found by names that stay, and
+   what is not there is left out
 
 It can be left at any time (Ctrl-C lets go of everything) and goes on where it was: what the cell file has is done.
-To do a step again take its value out of the file: the servo, its direction, its slack_m.
+To do a step again take its value out of the file: the servo, its direction, its slack_m, a section.
+An option answers its question before it is asked; what is asked besides is asked here.
 
     wizard --port /dev/serial/by-id/usb-FTDI_... --tendons index middle thumb --file cell.yaml"""
 
 
+#: key of a question -> (what an option gives, its help)
+SECTION_OPTIONS = {
+    "cell": ("NAME", "of the cell, or none"),
+    "hand": ("FILE", "hand file, or shipped"),
+    "out": ("FOLDER", "for bags, database and friction models"),
+    "profiles": ("FOLDER", "of finger profiles, or shipped"),
+    "camera": ("SOURCE", "device, file or address, or none"),
+    "camera.calibration": ("FILE", "of calibrate_camera, or none"),
+    "stage": ("PORT", "of the rig's stage, or none"),
+    "stage.kind": ("KIND", ", ".join(STAGES)),
+    "gauge": ("PORT", "of the rig's force gauge, or none"),
+    "gauge.kind": ("KIND", ", ".join(GAUGES)),
+    "gauge.line": ("FORMAT", "of a gauge that speaks in lines"),
+    "gauge.calibration": ("FILE", "of calibrate_cell, or none"),
+}
+
+
 def work(options: argparse.Namespace) -> int:
     """Lead."""
-    person = _person(options)
+    person = GivenAnswers(_given(options), _person(options))
     settings = WizardSettings(
         options.file,
         _stable(options.port, person),
+        options.drive or "",
         options.baud,
         tuple(options.tendons),
         options.spool_radius_mm * 1e-3,
@@ -64,6 +97,12 @@ def _person(options: argparse.Namespace) -> Terminal:
     return WrittenAnswers({}, takes_defaults=True) if options.yes else TerminalPerson()
 
 
+def _given(options: argparse.Namespace) -> dict[str, str]:
+    """Return what the options answer, by the keys of the questions."""
+    answers = {key: getattr(options, key.replace(".", "_")) for key in SECTION_OPTIONS}
+    return {key: answer for key, answer in answers.items() if answer is not None}
+
+
 def _stable(port: str, person: Terminal) -> str:
     """Return the name of a port that stays, where it has one; ask where none was given and several are there."""
     names = dict(stable_names())
@@ -83,12 +122,11 @@ def main(args: Sequence[str] | None = None) -> int:
     arguments.add_argument(
         "--port", default="", help="of the servo bus; default: that of the file, or the only one there is"
     )
+    add_drive_option(arguments)
     arguments.add_argument(
         "--tendons", nargs="+", default=[], metavar="NAME", help="one for each servo, in order of the chain"
     )
-    arguments.add_argument(
-        "--baud", type=int, choices=sorted(BAUD_CODES), default=1_000_000, help="default %(default)s"
-    )
+    arguments.add_argument("--baud", type=int, choices=sorted(BAUDS), default=1_000_000, help="default %(default)s")
     arguments.add_argument(
         "--spool-radius-mm", type=number(1.0, 100.0), default=10.0, metavar="MM", help="to the middle of the tendon"
     )
@@ -102,6 +140,9 @@ def main(args: Sequence[str] | None = None) -> int:
     arguments.add_argument(
         "--rate", type=number(1.0, 1000.0), default=100.0, metavar="HZ", help="that the bus must reach"
     )
+    sections = arguments.add_argument_group("the rest of the cell", "what is not given is asked for")
+    for key, (value, text) in SECTION_OPTIONS.items():
+        sections.add_argument("--" + key.replace(".", "-"), metavar=value, help=text)
     add_lockstep_option(arguments)
     arguments.add_argument("--answers", type=Path, metavar="FILE", help="YAML, key: answer; for runs without a person")
     arguments.add_argument("--yes", action="store_true", help="take all defaults and wait for nobody")

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,15 +14,11 @@ from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import BAUD_CODES, MODELS, CurrentSensing, OperatingMode, ServoModel
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.tendon.backend import TendonBackend
-from softgrip_driver.tendon.limits import LIMIT_PARAMETERS, TendonLimits
-from softgrip_driver.tendon.needs import LASTING_SHARE, check_motor
+from softgrip_driver.tendon.needs import check_motor, required_limits
 from softgrip_driver.tendon.rest import WATCHDOG_PERIODS
 from softgrip_driver.tendon.units import TorqueModel
 from softgrip_driver.tendon.winding import Winding
 from softgrip_time import Clock
-
-#: [Hz] of the control loop, where nothing else is said
-SHIPPED_LOOP_RATE = 100.0
 
 
 @dataclass(frozen=True)
@@ -114,25 +109,7 @@ def required_parameters(servos: Sequence[tuple[ServoModel, float]]) -> dict[str,
 
     They are what `checked_configuration` would refuse the shipped ones for.
     """
-    shipped = TendonLimits()
-    minima = {
-        "homing_tension": max(model.needs.homing_torque / radius for model, radius in servos),
-        "loop_rate": max(model.needs.loop_rate for model, _ in servos),
-    }
-    maxima = {
-        "speed": min(model.needs.speed * radius for model, radius in servos),
-        "acceleration": min(model.needs.acceleration * radius for model, radius in servos),
-        "tension_soft": min(LASTING_SHARE * model.stall_torque / radius for model, radius in servos),
-        "temperature_limit": min(model.temperature_limit for model, _ in servos),
-    }
-    rounding = 1e-6
-    found: dict[str, float | int] = {}
-    for name, bound in minima.items():
-        if bound > getattr(shipped, name, SHIPPED_LOOP_RATE) * (1.0 + rounding):
-            found[LIMIT_PARAMETERS.get(name, name)] = math.ceil(bound * 1e4) / 1e4
-    for name, bound in maxima.items():
-        if bound < getattr(shipped, name) * (1.0 - rounding):
-            found[LIMIT_PARAMETERS[name]] = math.floor(bound * 1e4) / 1e4
+    found = required_limits(servos)
     if any(model.senses is CurrentSensing.NONE for model, _ in servos):
         found["operating_mode"] = OperatingMode.EXTENDED_POSITION.value
     return found

@@ -32,6 +32,16 @@ class FeetechBus(SerialBus):
         """Return a servo's answer; raises as `read` does."""
         return self._ask(servo_id, packets.encode(servo_id, packets.PING), 0, attempts)
 
+    def broadcast_ping(self) -> bytes:
+        """Return what came after a ping to all, whole or not; raises PortLostError.
+
+        All answer at once, so several servos are heard as noise, or as one where they have one ID.
+        """
+        with self._lock:
+            self.counters.transactions += 1
+            self.link.send(packets.encode(packets.BROADCAST, packets.PING))
+            return self.link.receive(2 * packets.OVERHEAD, lambda _: False)
+
     def reset_turns(self, servo_id: int) -> None:
         """Let a servo forget its turns, which switches its torque off; raises as `read` does."""
         self._ask(servo_id, packets.encode(servo_id, packets.RESET_TURNS), 0, 1)

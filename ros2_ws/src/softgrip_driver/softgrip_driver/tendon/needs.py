@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -13,6 +15,8 @@ from softgrip_driver.tendon.units import Spool
 #: share of the stall torque that a servo can hold until the driver backs off; from some three quarters on its own
 #: overload shutdown may be quicker
 LASTING_SHARE = 0.7
+#: [Hz] of the control loop, where nothing else is said
+SHIPPED_LOOP_RATE = 100.0
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,33 @@ def fitted_limits(limits: TendonLimits, motor: GearedMotor, radius: float) -> Te
         acceleration=min(limits.acceleration, motor.needs.acceleration * radius),
         temperature_limit=min(limits.temperature_limit, motor.temperature_limit),
     )
+
+
+def required_limits(servos: Sequence[tuple[GearedMotor, float]]) -> dict[str, float | int]:
+    """Return the parameters that servos on spools of a radius [m] ask for beyond what is shipped, by name.
+
+    They are what `check_motor` would refuse the shipped ones for.
+    """
+    shipped = TendonLimits()
+    minima = {
+        "homing_tension": max(model.needs.homing_torque / radius for model, radius in servos),
+        "loop_rate": max(model.needs.loop_rate for model, _ in servos),
+    }
+    maxima = {
+        "speed": min(model.needs.speed * radius for model, radius in servos),
+        "acceleration": min(model.needs.acceleration * radius for model, radius in servos),
+        "tension_soft": min(LASTING_SHARE * model.stall_torque / radius for model, radius in servos),
+        "temperature_limit": min(model.temperature_limit for model, _ in servos),
+    }
+    rounding = 1e-6
+    found: dict[str, float | int] = {}
+    for name, bound in minima.items():
+        if bound > getattr(shipped, name, SHIPPED_LOOP_RATE) * (1.0 + rounding):
+            found[LIMIT_PARAMETERS.get(name, name)] = math.ceil(bound * 1e4) / 1e4
+    for name, bound in maxima.items():
+        if bound < getattr(shipped, name) * (1.0 - rounding):
+            found[LIMIT_PARAMETERS[name]] = math.floor(bound * 1e4) / 1e4
+    return found
 
 
 def check_motor(motor: GearedMotor, spool: Spool, limits: TendonLimits, loop_rate: float) -> None:

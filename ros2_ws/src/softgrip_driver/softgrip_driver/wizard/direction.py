@@ -6,11 +6,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from softgrip_description.cell_file import ChainServo
-from softgrip_driver.dynamixel.backend import DynamixelBackend
+from softgrip_description.cell_file import ChainServo, ServoChain
 from softgrip_driver.errors import ConfigurationError, NoReplyError
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
-from softgrip_driver.wizard.chain import SPOOL_RADIUS_M, model_of
+from softgrip_driver.wizard.chain import model_of, spool_of
+from softgrip_driver.wizard.drive_setup import SetupBackend
 
 #: [m] that a goal may be ahead of a spool that is held
 MAX_AHEAD_M = 0.003
@@ -18,8 +18,9 @@ MAX_AHEAD_M = 0.003
 HELD_SPEED_M_S, HELD_FOR_S = 1e-3, 0.25
 #: [m] beyond the way that was held in one direction, which must be free in the other
 BEYOND_M = 0.003
-#: a pull is at least this many times what turns the gears
-PULL_SHARE = 1.3
+#: a spool that turned less than this [m] may be held by its gears: it is pulled again, by so much more, up to so many
+#: times what homing wants of the gears
+STUCK_M, PULL_GROWTH, PULL_SHARE = 1e-3, 1.5, 1.3
 _READ_TIMEOUT_S = 1.0
 
 
@@ -37,7 +38,7 @@ class SpoolPull:
     speed_m_s: float = 0.01
     tension_n: float = 2.0
 
-    def find_end(self, backend: DynamixelBackend) -> float | None:
+    def find_end(self, backend: SetupBackend) -> float | None:
         """Wind in from here; return the way [m] after which something held it, None where nothing did within reach.
 
         A spool that is not through its reach by the deadline counts as held.
@@ -57,7 +58,7 @@ class SpoolPull:
             backend.power(name, False)
         return None if end is None else end - start
 
-    def _wind_in(self, backend: DynamixelBackend, start: float) -> float | None:
+    def _wind_in(self, backend: SetupBackend, start: float) -> float | None:
         (name,), clock = backend.tendons, backend.bus.clock
         goal, last = start, clock.now_s()
         held_since: float | None = None
@@ -77,7 +78,7 @@ class SpoolPull:
                 return reading.position
             backend.write({name: Setpoint(goal, self.tension_n)})
 
-    def _pay_out(self, backend: DynamixelBackend, to: float) -> None:
+    def _pay_out(self, backend: SetupBackend, to: float) -> None:
         (name,), clock = backend.tendons, backend.bus.clock
         here = read_drive(backend).position
         began, deadline = clock.now_s(), clock.now_s() + 2.0 * abs(here - to) / self.speed_m_s + 2.0
@@ -86,7 +87,7 @@ class SpoolPull:
             backend.write({name: Setpoint(goal, self.tension_n)})
 
 
-def read_drive(backend: DynamixelBackend) -> DriveReading:
+def read_drive(backend: SetupBackend) -> DriveReading:
     """Return a reading of the only drive of a backend; raises NoReplyError where none comes in a second."""
     (name,) = backend.tendons
     deadline = backend.bus.clock.now_s() + _READ_TIMEOUT_S
@@ -100,36 +101,56 @@ def read_drive(backend: DynamixelBackend) -> DriveReading:
 
 
 def measure_direction(
-    servo: ChainServo, make_backend: Callable[[ChainServo], DynamixelBackend], pull: SpoolPull | None = None
+    chain: ServoChain,
+    servo: ChainServo,
+    make_backend: Callable[[ChainServo], SetupBackend],
+    pull: SpoolPull | None = None,
 ) -> int:
     """Return the direction (1, -1) in which a servo winds its tendon in, found by small pulls both ways.
 
     Args:
+        chain: of the servo.
         servo: whose direction is looked for; the one that it has is not believed.
         make_backend: a backend of this servo alone, not connected.
-        pull: how it pulls; its tension is raised to what turns the gears of the servo's model.
+        pull: how it pulls; its tension is raised where it does not turn the gears of the servo's model.
 
     Raises:
         ConfigurationError: the tendon is held in neither direction, or in both.
         DriverError: of the servo.
     """
     pull = pull or SpoolPull()
-    gears_n = model_of(servo).needs.homing_torque / (servo.spool_radius_m or SPOOL_RADIUS_M)
-    pull = replace(pull, tension_n=max(pull.tension_n, PULL_SHARE * gears_n))
+    gears_n = model_of(chain, servo).needs.homing_torque / spool_of(servo).radius
+    most_n = max(pull.tension_n, PULL_SHARE * gears_n)
 
-    def find_end(direction: int) -> float | None:
+    def find_end(direction: int, tension_n: float) -> float | None:
         backend = make_backend(replace(servo, direction=direction))
         try:
             with backend.bus.clock.stepping():
                 backend.connect()
-                return pull.find_end(backend)
+                return replace(pull, tension_n=tension_n).find_end(backend)
         finally:
             backend.disconnect()
 
     try:
-        return find_direction(find_end, pull.reach_m)
+        return find_direction(
+            lambda direction: _end_of_spool(find_end, direction, pull.tension_n, most_n), pull.reach_m
+        )
     except ConfigurationError as error:
         raise ConfigurationError(f"{servo.tendon}: {error}") from error
+
+
+def _end_of_spool(
+    find_end: Callable[[int, float], float | None], direction: int, tension_n: float, most_n: float
+) -> float | None:
+    """Return where a spool is held that has begun to turn, by the smallest pull that turns it, ``most_n`` [N] at most.
+
+    A pull that turns heavy gears in any case would wind a light finger in over the whole reach.
+    """
+    while True:
+        end = find_end(direction, tension_n)
+        if end is None or end > STUCK_M or tension_n >= most_n:
+            return end
+        tension_n = min(most_n, tension_n * PULL_GROWTH)
 
 
 def reversed_spool_remedy(servo: ChainServo) -> str:

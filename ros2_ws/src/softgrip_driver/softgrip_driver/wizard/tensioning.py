@@ -6,12 +6,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.errors import DriverError, NoReplyError
 from softgrip_driver.tendon.backend import Setpoint
 from softgrip_driver.tendon.gripper import GripperController, MoveMode, MoveRequest, Ticket
 from softgrip_driver.tendon.loop import BusLoop
 from softgrip_driver.tendon.motions import MoveOutcome
+from softgrip_driver.wizard.drive_setup import SetupBackend
 
 #: a zero that moves less between two rounds [m] has settled
 SETTLED_M = 2e-4
@@ -130,7 +130,7 @@ class Tensioner:
             raise TensioningError(f"{what}: {reason}")
 
 
-def release(backend: DynamixelBackend, goals: Mapping[str, float], plan: TensioningPlan) -> dict[str, float]:
+def release(backend: SetupBackend, goals: Mapping[str, float], plan: TensioningPlan) -> dict[str, float]:
     """Pay tendons out to positions [m, device frame] and return where they came to rest, torque off on every path.
 
     Raises:
@@ -155,7 +155,7 @@ def release(backend: DynamixelBackend, goals: Mapping[str, float], plan: Tension
     return _read_all(backend)
 
 
-def _read_all(backend: DynamixelBackend) -> dict[str, float]:
+def _read_all(backend: SetupBackend) -> dict[str, float]:
     deadline = backend.bus.clock.now_s() + 1.0
     while backend.bus.clock.now_s() < deadline:
         readings = backend.read()

@@ -9,26 +9,37 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, load_cell, save_cell
+from softgrip_description.cell_file import (
+    CellFile,
+    ChainServo,
+    ServoChain,
+    cell_text,
+    load_cell,
+    parse_cell,
+    save_cell,
+)
+from softgrip_description.errors import CellFileError
 from softgrip_driver.commands import selftest
 from softgrip_driver.commands.person import Terminal
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
-from softgrip_driver.dynamixel.backend import DynamixelBackend
-from softgrip_driver.dynamixel.bringup import who_answers
-from softgrip_driver.dynamixel.drive_set import SHIPPED_LOOP_RATE
 from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError
 from softgrip_driver.tendon.gripper import GripperController
 from softgrip_driver.tendon.loop import BusLoop
+from softgrip_driver.tendon.needs import SHIPPED_LOOP_RATE
 from softgrip_driver.wizard.chain import (
     chain_backend,
     chain_controller,
     chain_parameters,
     chain_rate,
+    homing_tension,
     make_loop,
     open_bus,
+    setup_of,
 )
 from softgrip_driver.wizard.direction import SpoolPull, measure_direction, reversed_spool_remedy
-from softgrip_driver.wizard.naming import describe_past, find_new_servo, is_verified, model_of, name_servo
+from softgrip_driver.wizard.drive_setup import DEFAULT_DRIVE, SetupBackend
+from softgrip_driver.wizard.naming import describe_past, find_new_servo, is_verified, model_found, name_servo
+from softgrip_driver.wizard.sections import CellSections, Fill, FoundDevices, find_devices
 from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan, release
 from softgrip_time import Clock
 
@@ -42,6 +53,7 @@ class WizardSettings:
     Attributes:
         file: the cell file, read where it is there.
         port: of the bus; empty = that of the file.
+        drive: backend of the servos; empty = that of the file, else Dynamixel.
         baud: [1/s] that the chain gets.
         tendons: in order of the chain; none = those of the file.
         spool_radius_m: [m] of every spool.
@@ -54,6 +66,7 @@ class WizardSettings:
 
     file: Path
     port: str = ""
+    drive: str = ""
     baud: int = 1_000_000
     tendons: tuple[str, ...] = ()
     spool_radius_m: float = 0.010
@@ -67,24 +80,39 @@ class WizardSettings:
 
 
 class SetupWizard:
-    """Leads from servos as they come to a chain that is ready.
+    """Leads from servos as they come to a cell file of a cell that is ready.
 
     Args:
         settings: what is asked for.
         person: who does what a hand must do.
         make_loop: the driver's loop over a backend, a controller and a rate [Hz].
+        find_devices: what is plugged in besides the servos' port.
     """
 
     def __init__(
         self,
         settings: WizardSettings,
         person: Terminal,
-        make_loop: Callable[[DynamixelBackend, GripperController, float], BusLoop] = make_loop,
+        make_loop: Callable[[SetupBackend, GripperController, float], BusLoop] = make_loop,
+        find_devices: Callable[[str], FoundDevices] = find_devices,
     ) -> None:
         self._settings, self._person, self._make_loop = settings, person, make_loop
+        self._find_devices = find_devices
         self._cell = load_cell(settings.file) if settings.file.exists() else CellFile("real")
         chain = self._cell.servos or ServoChain("", settings.baud)
-        self._chain = replace(chain, port=settings.port or chain.port, baud=chain.baud or settings.baud)
+        drive = settings.drive or chain.drive or DEFAULT_DRIVE
+        if chain.chain and drive != (chain.drive or DEFAULT_DRIVE):
+            raise ConfigurationError(
+                f"--drive: expected that of the chain in {settings.file}, {chain.drive or DEFAULT_DRIVE}, found {drive}"
+                "; one bus has servos of one make"
+            )
+        self._chain = replace(
+            chain,
+            port=settings.port or chain.port,
+            baud=chain.baud or settings.baud,
+            drive=None if drive == DEFAULT_DRIVE else drive,
+        )
+        self._setup = setup_of(self._chain)
         self._tendons = settings.tendons or tuple(servo.tendon for servo in chain.chain)
         #: whose directions this run has found; those of the file may be of a tendon that was wound again since
         self._turned = set[str]()
@@ -112,7 +140,9 @@ class SetupWizard:
         for tendon in self._tendons:
             self._until_done(f"tie.{tendon}", partial(self._turn, tendon))
         self._until_done("straight", self._tension)
-        return self._test()
+        is_good = self._test()
+        self._describe_cell()
+        return is_good
 
     # --- steps -----------------------------------------------------------------------------------------------------
 
@@ -130,12 +160,14 @@ class SetupWizard:
         self._person.confirm(
             f"connect.{tendon}", f"Switch the supply off, put the servo of '{tendon}' {others}, switch it on"
         )
-        found = find_new_servo(self._chain.port, self.baud, known, self._settings.clock)
-        model = model_of(found)
-        if past := describe_past(found):
+        found = find_new_servo(self._setup, self._chain.port, self.baud, known, self._settings.clock)
+        model = model_found(self._setup, found)
+        if past := describe_past(self._setup, found):
             self._person.print_line(past)
-        new_id = next(one for one in range(number, 253) if one not in known)
-        done = name_servo(found, new_id, self.baud, self._settings.reply_margin_s, self._settings.clock)
+        # the next new one must not come with the ID and rate of one that is in the chain
+        taken = known | ({self._setup.factory[0]} if self._setup.factory[1] == self.baud else set())
+        new_id = next(one for one in range(number, 253) if one not in taken)
+        done = name_servo(self._setup, found, new_id, self.baud, self._settings.reply_margin_s, self._settings.clock)
         radius = self._settings.spool_radius_m
         self._keep(ChainServo(tendon, model.name, new_id, spool_radius_m=radius))
         self._person.print_line(f"{tendon}: {model.name}; {'; '.join(done)}")
@@ -144,12 +176,12 @@ class SetupWizard:
         """See that every servo of the chain answers, once, and how soon."""
         with open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock) as bus:
             for servo in self._chain.chain:
-                if not is_verified(bus, servo.servo_id, servo.model):
+                if not is_verified(self._setup, bus, servo.servo_id, servo.model):
                     raise DeviceNotFoundError(
                         f"{servo.tendon}: expected one {servo.model} with ID {servo.servo_id} at {self.baud} baud, "
-                        f"found {who_answers(bus)}"
+                        f"found {self._setup.who_answers(bus)}"
                     )
-            late_s = bus.turnaround(self._chain.chain[0].servo_id)
+            late_s = self._setup.turnaround(bus, self._chain.chain[0].servo_id)
         self._person.print_line(f"chain: {', '.join(f'{one.tendon} = ID {one.servo_id}' for one in self._chain.chain)}")
         if late_s > SLOW_ADAPTER_S:
             self._person.print_line(
@@ -174,7 +206,7 @@ class SetupWizard:
         )
 
     def _measured_direction(self, servo: ChainServo) -> int:
-        return measure_direction(servo, lambda one: self._backend([one]), self._settings.pull)
+        return measure_direction(self._chain, servo, lambda one: self._backend([one]), self._settings.pull)
 
     def _check_directions(self, servos: Sequence[ChainServo]) -> None:
         """See that tendons whose direction the file says are wound that way: homing would pay the others out."""
@@ -197,6 +229,9 @@ class SetupWizard:
         self._person.confirm("straight", "See that the fingers are straight and free, keep your hands away")
         self._check_directions(servos)
         plan = self._settings.tensioning
+        # a hold that is not felt over what the gears hide would bed nothing
+        taut_n = homing_tension(self._chain, self._cell.parameters.get("tendon_driver", {}))
+        plan = replace(plan, tension_n=max(plan.tension_n, taut_n))
         backend, controller = self._backend(servos), chain_controller(self._chain, servos)
         try:
             with backend.bus.clock.stepping():
@@ -224,7 +259,7 @@ class SetupWizard:
     def _test(self) -> bool:
         """Measure the bus with the driver's own cycles."""
         with open_bus(self._chain, self._settings.reply_margin_s, self._settings.clock) as bus:
-            found = selftest.measure(bus, self._settings.selftest_s)
+            found = self._setup.measure(bus, self._settings.selftest_s)
         is_good = found.rate >= self._settings.rate_hz and found.servos == len(self._chain.chain)
         self._person.print_line(
             f"self-test: {found.servos} servos, {found.rate:.0f} Hz (at least {self._settings.rate_hz:.0f}), "
@@ -234,13 +269,28 @@ class SetupWizard:
             self._person.print_line(f"-> {cause}")
         return is_good
 
+    def _describe_cell(self) -> None:
+        """Ask for what the file lacks besides servos, and keep each answer at once."""
+        folder = self._settings.file.expanduser().resolve().parent
+        found = self._find_devices(self._chain.port)
+        sections = CellSections(self._person, found, folder, self._settings.clock)
+        for key, fill in [*sections.missing(self._cell)]:
+            self._until_done(key, partial(self._fill, fill))
+
+    def _fill(self, fill: Fill) -> None:
+        cell = fill(self._cell)
+        path = self._settings.file
+        parse_cell(cell_text(cell), path)  # a name or a port that no cell file may have is refused, not written
+        save_cell(cell, path)
+        self._cell = cell
+
     # --- helpers ---------------------------------------------------------------------------------------------------
 
     def _until_done(self, key: str, step: Callable[[], None]) -> None:
         while True:
             try:
                 step()
-            except DriverError as error:
+            except (DriverError, CellFileError) as error:
                 if not self._person.try_again(key, str(error)):
                     raise
             else:
@@ -252,7 +302,7 @@ class SetupWizard:
     def _servos(self) -> Sequence[ChainServo]:
         return [servo for servo in self._chain.chain if servo.tendon in self._tendons]
 
-    def _backend(self, servos: Sequence[ChainServo]) -> DynamixelBackend:
+    def _backend(self, servos: Sequence[ChainServo]) -> SetupBackend:
         return chain_backend(
             self._chain, servos, self._settings.reply_margin_s, self._person.print_line, self._settings.clock
         )

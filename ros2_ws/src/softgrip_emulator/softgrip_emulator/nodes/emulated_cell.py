@@ -16,14 +16,13 @@ from sensor_msgs.msg import Temperature
 
 from softgrip_emulator.camera.exposure_sample import CameraSettings
 from softgrip_emulator.cell import EmulatedCell
-from softgrip_emulator.dynamixel.servo import FACTORY_BAUD, FACTORY_ID
 from softgrip_emulator.dynamixel.table import BAUD_OF_REGISTER
 from softgrip_emulator.errors import EmulatorError
 from softgrip_emulator.faults import read_plan
 from softgrip_emulator.nodes import convert
 from softgrip_emulator.plant.cell import ServoPlace, Supply
 from softgrip_emulator.rig.emulated import LINE_GAUGES
-from softgrip_emulator.servos import available_models, load_ratings
+from softgrip_emulator.servos import available_models, factory_settings, load_ratings
 from softgrip_emulator.thermometer import OFFSET_STDDEV_K, PERIOD_S
 from softgrip_emulator.wire.folder import default_wire_folder
 from softgrip_interfaces.msg import EmulatorTruth
@@ -81,7 +80,8 @@ PARAMETERS = ParameterTable(
     Parameter(
         "factory_fresh",
         False,
-        "servos as they come: ID 1, 57600 baud, each off the cable until servo_unplugged of its slot is cleared",
+        "servos as they come (ID 1; Dynamixel at 57600 baud, Feetech at 1 Mbaud), each off the cable until "
+        "servo_unplugged of its slot is cleared",
     ),
     Parameter(
         "spool_directions", [1, 1, 1], "of each slot, -1: the tendon comes off the other side of its spool", "", -1, 1
@@ -305,13 +305,13 @@ def _chain(values: dict[str, Any]) -> list[ServoPlace]:
     for name in ("servo_ids", "spool_directions"):
         if len(slots) != len(values[name]):
             raise EmulatorError(f"parameter '{name}': expected one for each of {slots}, found {values[name]}")
-    fresh = values["factory_fresh"]
+    fresh = factory_settings(values["servo_model"]) if values["factory_fresh"] else None
     return [
         ServoPlace(
             slot,
-            FACTORY_ID if fresh else device_id,
+            device_id if fresh is None else fresh[0],
             values["servo_model"],
-            FACTORY_BAUD if fresh else values["servo_baud"],
+            values["servo_baud"] if fresh is None else fresh[1],
             values["servo_return_delay_us"],
             values["spool_radius_m"],
             direction,
