@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 from urllib.parse import quote
 
@@ -149,6 +150,25 @@ def test_a_users_own_finger_set_is_mounted_by_its_button(browser: PanelBrowser, 
     browser.wait_for_text("#instruction", "CANCELLED")
 
 
+def closings(browser: PanelBrowser) -> dict[str, tuple[int, int]]:
+    """Return of each slot how many points of its record, and how many dots of now, page Swap has drawn."""
+    return dict(json.loads(str(browser.script("return document.getElementById('check').dataset.drawn || '{}'"))))
+
+
+def check_colours(browser: PanelBrowser) -> list[int]:
+    """Return how many pixels of the check have the colour of records, and that of now."""
+    return list(
+        browser.script(
+            "const c = document.getElementById('check'), s = getComputedStyle(document.body);"
+            "const rgb = n => [1, 3, 5].map(k => parseInt(s.getPropertyValue(n).trim().slice(k, k + 2), 16));"
+            "const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
+            "return ['--measured', '--accent'].map(n => { const w = rgb(n); let found = 0;"
+            "for (let k = 0; k < d.length; k += 4)"
+            " if (d[k + 3] > 250 && w.every((v, j) => Math.abs(v - d[k + j]) < 3)) found += 1; return found; });"
+        )
+    )
+
+
 def test_a_swap_survives_reload_and_a_second_browser_and_takes_scanned_serials(
     browser: PanelBrowser, site: RunningSite
 ) -> None:
@@ -162,6 +182,10 @@ def test_a_swap_survives_reload_and_a_second_browser_and_takes_scanned_serials(
     browser.wait_for_text("#instruction", "Open the palm.")
     browser.driver.refresh()
     browser.wait_for_text("#instruction", "Open the palm.")
+    browser.wait(lambda: all(record > 10 and dots > 10 for record, dots in closings(browser).values()), "closings")
+    assert set(closings(browser)) == {"index", "middle", "thumb"}
+    assert min(check_colours(browser)) > 50  # the records' lines, and the dots of now
+    assert browser.text("#unchecked") == ""
     browser.press("step-done")
     browser.wait_for_text("#instruction", "Do remove.")
     with PanelBrowser(site.address) as second:
@@ -239,8 +263,13 @@ def test_a_friction_measurement_by_clicks_is_accepted_with_a_reason(browser: Pan
     browser.wait_for_text("#rig-instruction", "hang 1.00 kg")
     browser.press("rig-done")
     browser.wait_for_text("#rig-instruction", "SUCCEEDED")
-    assert browser.text("#rig-points").count("1.245") == 2  # 6.1 N / 4.9 N
-    browser.press("accept")
+    assert browser.text("#rig-points").count("1.244") == 2  # 12.2 / 9.81
+    browser.wait_for_text("#fit-model", "braid-new: USABLE")
+    parts = "return ['fitted', 'band', 'measured'].map(c => document.querySelectorAll(`#friction-fit .${c}`).length)"
+    assert browser.script(parts) == [2, 2, 2]  # a curve with its interval for each load, and both points
+    refuse_the_fit(browser, site)
+    browser.press("activate-braid-new")
+    browser.wait_for_text(".dialog", "refused by Ada: the cable was frayed")
 
     def refused() -> bool:  # a press while the dialog is still opening is lost
         browser.press("activate-confirm")
@@ -251,6 +280,27 @@ def test_a_friction_measurement_by_clicks_is_accepted_with_a_reason(browser: Pan
     browser.press("activate-confirm")
     browser.wait(lambda: site.recorded()[-1]["act"] == "activate_friction", "the activation")
     assert site.recorded()[-1]["subject"] == "braid-new: fresh cable"
+    browser.wait(lambda: "refused by" not in browser.text("#friction-models"), "the refusal to be lifted")
+
+
+def refuse_the_fit(browser: PanelBrowser, site: RunningSite) -> None:
+    """Refuse the model that was fitted: it stays, with name and reason, and the active one stays active."""
+    browser.press("refuse")
+
+    def asked() -> bool:  # a press while the dialog is still opening is lost
+        browser.press("refuse-confirm")
+        return "expected some words" in browser.text(".dialog")
+
+    browser.wait(asked, "a reason asked for")
+    browser.find(".refuse-reason input").send_keys("the cable was frayed")
+    browser.press("refuse-confirm")
+    browser.wait_for_text("#friction-models", "refused by Ada: the cable was frayed")
+    browser.wait(lambda: not browser.find("[data-name='accept']").is_displayed(), "nothing left to judge")
+    (asked_for,) = (one["request"] for one in site.calls() if one["act"] == "refuse_friction")
+    assert asked_for == {
+        "who": "Ada", "action": "refuse friction model", "subject": "braid-new", "detail": "the cable was frayed",
+    }  # fmt: skip
+    assert [one["act"] for one in site.calls()].count("activate_friction") == 0
 
 
 def test_a_finger_is_retired_with_a_reason_and_its_label_carries_its_serial(
@@ -268,6 +318,23 @@ def test_a_finger_is_retired_with_a_reason_and_its_label_carries_its_serial(
     browser.driver.get(site.address + "/label/PW-T-02")
     assert "PW-T-02" in browser.text()
     assert browser.count("svg path") > 0
+
+
+def test_the_check_of_a_finger_is_drawn_in_its_record(browser: PanelBrowser) -> None:
+    browser.open("/records")
+    browser.press("check-PW-M-01")
+    browser.wait_for_text(".dialog", "Empty closing of PW-M-01")
+    assert browser.count(".dialog path.check") == 1
+    assert browser.accessibility() == []
+    browser.press("check-close")
+
+
+def test_statistics_of_a_finger_are_drawn_with_the_limits_that_decide(browser: PanelBrowser) -> None:
+    browser.open("/fingers")
+    browser.wait_for_text("#watch-limits", "watched from 2.5 on, decided about from 5 on")
+    browser.wait(lambda: browser.count("#residual-charts .statistic") == 2, "friction and stiffness")
+    assert browser.count("#residual-charts .limit") == 2
+    assert browser.count("#residual-charts .tip") == 1
 
 
 def test_a_finger_is_drawn_with_every_face_coloured_by_its_strain(browser: PanelBrowser) -> None:

@@ -28,6 +28,7 @@ PREFIXES = (
     "work.phase_",
     "bags.make_",
     "friction.plan_",
+    "fingers.limits_",
     "setup.phase_",
     "setup.free_",
     "setup.take_",
@@ -37,7 +38,7 @@ PREFIXES = (
 )
 
 #: Names of files that look like keys.
-FILES = {"cell.yaml", "grasps.csv", "swap.json", "work.json"}
+FILES = {"cell.yaml", "grasps.csv", "swap.json", "work.json", "friction.json"}
 
 
 @functools.cache

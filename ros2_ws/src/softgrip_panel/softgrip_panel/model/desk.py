@@ -9,8 +9,10 @@ from typing import Final, Protocol
 
 from softgrip_panel.access.record import ActRecord
 from softgrip_panel.errors import ActRefusedError
+from softgrip_panel.model import acts
 from softgrip_panel.model.acts import Act, ActResult
 from softgrip_panel.model.control import ControlDesk
+from softgrip_panel.model.friction import Refusal
 from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import PanelState
 
@@ -18,6 +20,7 @@ from softgrip_panel.model.state import PanelState
 MAX_STRANGERS: Final = 10
 #: Counted over so long [s].
 STRANGERS_S: Final = 60.0
+_NO_REASON: Final = "reason: expected some words for the record, found none"
 
 
 class CellCalls(Protocol):
@@ -131,6 +134,26 @@ class ActDesk:
             return "acknowledged"
 
         return self.carry_out(person, "acknowledge", key, acknowledge, needs_control=False)
+
+    async def activate_model(self, person: Person, model: str, reason: str) -> ActResult:
+        """Make a friction model the active one, with a reason; a refusal of before is lifted by it."""
+        if not reason.strip():
+            return self.refuse(person, "activate_friction", _NO_REASON)
+        result = await self.perform(person, acts.activate_friction(model, reason.strip()))
+        if result.success:
+            with self.state.locked():
+                self.state.refusals.lift(model)
+        return result
+
+    async def refuse_model(self, person: Person, model: str, reason: str) -> ActResult:
+        """Refuse a friction model, with a reason that pages show beside it from then on; nothing else changes."""
+        if not reason.strip():
+            return self.refuse(person, "refuse_friction", _NO_REASON)
+        result = await self.perform(person, acts.refuse_friction(model, person.name, reason.strip()))
+        if result.success:
+            with self.state.locked():
+                self.state.refusals.add(model, Refusal(person.name, reason.strip(), self.state.now_s()))
+        return result
 
     def refuse(self, person: Person, act: str, message: str) -> ActResult:
         """Write down that something was asked for that cannot be done."""

@@ -29,8 +29,9 @@ from softgrip_panel.model.facts import (
     TendonView,
     TensionView,
 )
-from softgrip_panel.model.friction import FrictionModelView, RigProgress
+from softgrip_panel.model.friction import FrictionModelView, FrictionRefusals, RigProgress
 from softgrip_panel.model.grasps import GraspHistory
+from softgrip_panel.model.residuals import ResidualHistory, WatchLimits
 from softgrip_panel.model.swap import SwapFollower
 from softgrip_panel.model.weights import WeightCheck
 
@@ -66,7 +67,7 @@ class PanelState:
     """
 
     def __init__(self, now_s: Callable[[], float], monotonic_s: Callable[[], float]) -> None:
-        self._now_s = now_s
+        self.now_s = now_s
         self.monotonic_s = monotonic_s
         self._lock = threading.RLock()
         self.control = ControlDesk(monotonic_s)
@@ -88,7 +89,10 @@ class PanelState:
         self.rig = RigProgress()
         self.friction_models: tuple[FrictionModelView, ...] = ()
         self.friction_active = ""
+        self.refusals = FrictionRefusals()
         self.residuals: dict[str, ResidualView] = {}
+        self.residual_history = ResidualHistory()
+        self.watch_limits = WatchLimits()
         self.bench = BenchView()
         self.weights = WeightCheck()
         self.nodes: tuple[str, ...] = ()
@@ -173,6 +177,12 @@ class PanelState:
             self.tensions = tuple(tensions)
             self.grasps.observe_tensions(self.tensions, stamp_s)
 
+    def observe_residual(self, residual: ResidualView) -> None:
+        """Take finger/residual of one finger."""
+        with self._lock:
+            self.residuals[residual.finger] = residual
+            self.residual_history.observe(residual, self.monotonic_s())
+
     def advance(self) -> None:
         """Let time pass: what falls silent is an alarm, and alarms live on."""
         with self._lock:
@@ -201,7 +211,7 @@ class PanelState:
         """Let every page see what somebody did."""
         with self._lock:
             self._numbers += 1
-            self.notices.append(Notice(self._numbers, self._now_s(), who, act, subject, success, message))
+            self.notices.append(Notice(self._numbers, self.now_s(), who, act, subject, success, message))
 
 
 def _is_alarm(tendon: TendonView) -> bool:

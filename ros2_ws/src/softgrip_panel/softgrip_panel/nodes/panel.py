@@ -55,6 +55,7 @@ from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import StopPolicyView
 from softgrip_panel.model.frames import PanelPicture
 from softgrip_panel.model.overlay import ChainOverlay
+from softgrip_panel.model.residuals import WatchLimits
 from softgrip_panel.model.shapes import FaceOwners
 from softgrip_panel.model.state import PanelState
 from softgrip_panel.model.work import Worker, WorkRun
@@ -71,6 +72,8 @@ if TYPE_CHECKING:
 SAMPLE_S, LOOK_S = 0.1, 1.0
 #: What the panel asks the driver about itself, in the order of `_on_driver`.
 DRIVER_PARAMETERS = ("estop_policy", "tension_hold_n", "port", "baud", "tendons", "servo_ids", "servo_models")
+#: What the panel asks the predictor about what it decides by, in the order of `WatchLimits.of`.
+WATCH_PARAMETERS = ("watch", "watch_limit", "worn_limit", "cusum_limit")
 #: Every so many looks the cell's lists are read again while a page is open.
 LISTS_EVERY = 4
 
@@ -107,6 +110,7 @@ class PanelNode(CellNode):
         folder = Path(values["state_dir"]) if values["state_dir"] else None
         if folder is not None:
             self._state.swap.keep_in(folder / "swap.json")
+            self._state.refusals.keep_in(folder / "friction.json")
         self._record = ActRecord(folder / "acts.jsonl" if folder else None, time.time)
         self._calls = RosCalls(self, self._on_accepted, self._on_feedback, self._read_result)
         for act in acts.EXAMPLES:
@@ -120,6 +124,7 @@ class PanelNode(CellNode):
         self._diagnostics = Diagnostics(self)  # only now: loading the pages takes a second
         self._subscribe()
         self._driver_client = self.create_client(GetParameters, "tendon_driver/get_parameters")
+        self._watch_client = self.create_client(GetParameters, "kinematics_predictor/get_parameters")
         self._phase_client = self.create_client(GetState, "tendon_driver/get_state")
         self._product_client = self.create_client(ListProducts, "cell/list_products")
         self._finger_client = self.create_client(ListFingers, "cell/list_fingers")
@@ -261,7 +266,7 @@ class PanelNode(CellNode):
         if measured is not None:
             self._state.measured = convert.finger_views(measured)
         if residual is not None:
-            self._state.residuals[residual.finger] = convert.residual_view(residual)
+            self._state.observe_residual(convert.residual_view(residual))
         if shape is not None:
             self._shapes += 1
             self._site.shape = convert.shape_view(shape, self._shapes)
@@ -285,6 +290,8 @@ class PanelNode(CellNode):
         self._state.is_emulated = self._place_client.service_is_ready()
         if not self._state.policy.estop_policy:
             self._ask(self._driver_client, GetParameters.Request(names=list(DRIVER_PARAMETERS)), self._on_driver)
+        if self._site.viewers and not self._state.watch_limits.kind:
+            self._ask(self._watch_client, GetParameters.Request(names=list(WATCH_PARAMETERS)), self._on_watch)
         if self._site.viewers:
             self._ask(self._phase_client, GetState.Request(), self._on_phase)
         self._lists_due -= 1
@@ -312,6 +319,12 @@ class PanelNode(CellNode):
                 servo_ids=tuple(int(one) for one in ids.integer_array_value),
                 servo_models=tuple(models.string_array_value),
             )
+
+    def _on_watch(self, future: Any) -> None:
+        values = future.result().values
+        if len(values) == len(WATCH_PARAMETERS):
+            watch, *limits = values
+            self._state.watch_limits = WatchLimits.of(watch.string_value, *(one.double_value for one in limits))
 
     def _on_phase(self, future: Any) -> None:
         with self._state.locked() as state:
