@@ -34,6 +34,8 @@ from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import (
     CellView,
     ComponentHealth,
+    CountedView,
+    FingerDecision,
     FingerRecordView,
     FingerView,
     MountedView,
@@ -47,7 +49,6 @@ from softgrip_panel.model.facts import (
 )
 from softgrip_panel.model.frames import PanelPicture
 from softgrip_panel.model.friction import FrictionModelView, RigPoint, RigProgress
-from softgrip_panel.model.grasps import FingerDecision
 from softgrip_panel.model.parameters import ParameterKind, ParameterView
 from softgrip_panel.model.residuals import WatchLimits
 from softgrip_panel.model.shapes import FaceOwners, PanelShape
@@ -350,6 +351,21 @@ def make_site(folder: Path, port: int) -> PanelSite:
     (folder / "bags" / HOSTILE).mkdir(exist_ok=True)
     (folder / "bags" / HOSTILE / f"{HOSTILE}.mcap").write_bytes(b"MCAP")
     (folder / "bags" / "softgrip_20261125" / "part_0.mcap").write_bytes(b"MCAP" * 1000)
+    state.observe_counted(
+        [
+            CountedView(
+                1.7e9,
+                "grape",
+                "pinch",
+                "EMPTY",
+                "nothing between the fingers",
+                2.0,
+                ("PI-I-07", "PI-M-07", "PI-T-07"),
+                1.7e9 - 0.8,
+                JUDGED,
+            ),
+        ]
+    )
     state.friction_models = (
         FrictionModelView(
             "pe-braid-0.25-mm-tpu-printed-along-the-layers-matte-20261126T035452Z", "matte",

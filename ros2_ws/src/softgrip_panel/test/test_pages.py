@@ -91,8 +91,13 @@ def test_a_grasp_by_clicks_and_what_is_kept_of_it(browser: PanelBrowser, site: R
         lambda: browser.script("return document.querySelector('.pictures img').naturalWidth") == 640, "a picture"
     )
     export = "return fetch(document.getElementById('export').href).then(answer => answer.text())"
-    assert len(browser.script(export).splitlines()) == 2  # its heading and the grasp
-    browser.find("#grasps input").send_keys("grape")
+    assert len(browser.script(export).splitlines()) == 3  # its heading and both grasps
+    browser.press("show-counted-1700000000")  # of another client, before this panel was there
+    browser.wait_for_text("#grasp-detail", "nothing between the fingers")
+    browser.wait_for_text("#grasp-detail", "Fingers: pinch PI-I-07, PI-M-07, PI-T-07")
+    browser.wait_for_text("#decided-at", "0.8 s before it was counted")
+    assert "contact tension 3.1 N" in browser.text("#grasp-detail")
+    browser.find("#grasps input").send_keys("orange")
     browser.wait(lambda: len(browser.script(export).splitlines()) == 1, "an export by the filter")
     browser.open("/fingers")
     browser.wait_for_text("#contacts", "at the last verdict: BLOCKED")

@@ -177,6 +177,12 @@ class PanelState:
             self.tensions = tuple(tensions)
             self.grasps.observe_tensions(self.tensions, stamp_s)
 
+    def observe_counted(self, counted: Sequence[CountedView]) -> None:
+        """Take the grasps of the cell's database, newest first."""
+        with self._lock:
+            self.counted = tuple(counted)
+            self.grasps.observe_counted(self.counted)
+
     def observe_residual(self, residual: ResidualView) -> None:
         """Take finger/residual of one finger."""
         with self._lock:

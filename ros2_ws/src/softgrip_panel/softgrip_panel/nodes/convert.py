@@ -20,6 +20,7 @@ from softgrip_interfaces.msg import (
     FingerStates,
     FrictionModel,
     FrictionSample,
+    GraspEvidence,
     MountedFinger,
     PredictedShape,
     PredictionResidual,
@@ -36,6 +37,7 @@ from softgrip_panel.model.facts import (
     CellView,
     ComponentHealth,
     CountedView,
+    FingerDecision,
     FingerRecordView,
     FingerView,
     MountedView,
@@ -47,7 +49,6 @@ from softgrip_panel.model.facts import (
     TensionView,
 )
 from softgrip_panel.model.friction import MAX_POINTS, FrictionModelView, RigPoint, RigProgress, intervals
-from softgrip_panel.model.grasps import FingerDecision
 from softgrip_panel.model.parameters import ParameterKind, ParameterView
 from softgrip_panel.model.shapes import MAX_NODES, PanelShape
 from softgrip_panel.model.swap import SwapPhase, SwapView
@@ -171,17 +172,17 @@ def health_views(message: DiagnosticArray) -> list[ComponentHealth]:
     ]
 
 
-def grasp_decision(result: Grasp.Result) -> tuple[FingerDecision, ...]:
+def grasp_decision(decision: GraspEvidence) -> tuple[FingerDecision, ...]:
     """Return what the verdict of a grasp knew of each finger."""
     return tuple(
         FingerDecision(one.finger, CONTACT_STATES.get(one.state, "?"), float(one.contact_tension), float(one.threshold))
-        for one in result.decision.fingers
+        for one in decision.fingers
     )
 
 
-def decided_stamp_s(result: Grasp.Result) -> float:
+def decided_stamp_s(decision: GraspEvidence) -> float:
     """Return the stamp of the tendon/state that decided [s]; NaN when none did."""
-    return seconds(result.decision.stamp) or math.nan
+    return seconds(decision.stamp) or math.nan
 
 
 def finger_views(message: FingerStates) -> tuple[FingerView, ...]:
@@ -370,6 +371,9 @@ def counted_views(response: ListGrasps.Response) -> tuple[CountedView, ...]:
             one.outcome,
             one.reason,
             float(one.duration),
+            tuple(one.serials),
+            decided_stamp_s(one.decision),
+            grasp_decision(one.decision),
         )
         for one in response.grasps
     )

@@ -131,6 +131,7 @@ class PanelNode(CellNode):
         self._grasp_client = self.create_client(ListGrasps, "cell/list_grasps")
         self._friction_client = self.create_client(ListFrictionModels, "friction/list")
         self._lists_due = 0
+        self._counts_asked: tuple[int, ...] | None = None
         self._audit_client = self.create_client(WriteAudit, "cell/write_audit")
         self._place_client = self.create_client(PlaceObject, "emulator/place_object")
         steady_timer(self, SAMPLE_S, self._sample)
@@ -301,10 +302,18 @@ class PanelNode(CellNode):
             self._ask(self._product_client, ListProducts.Request(), self._on_products)
             self._ask(self._finger_client, ListFingers.Request(), self._on_fingers)
             self._ask(self._friction_client, ListFrictionModels.Request(), self._on_friction)
-            self._ask(self._grasp_client, ListGrasps.Request(limit=200), self._on_grasps)
+            self._ask_grasps()
         problem = self._record.problem or self._run.problem
         health = Health.WARN if problem else Health.OK
         self._diagnostics.set("page", health, problem or "serves", {"pages": self._site.viewers})
+
+    def _ask_grasps(self) -> None:
+        """Ask for the counted grasps when there may be another one: the list is long."""
+        counts = self._state.cell.counts if self._state.cell else None
+        if counts is not None and counts == self._counts_asked and self._state.counted:
+            return
+        self._counts_asked = counts
+        self._ask(self._grasp_client, ListGrasps.Request(limit=200), self._on_grasps)
 
     def _on_driver(self, future: Any) -> None:
         values = future.result().values
@@ -344,7 +353,7 @@ class PanelNode(CellNode):
     def _on_grasps(self, future: Any) -> None:
         response = future.result()
         if response.success:
-            self._state.counted = convert.counted_views(response)
+            self._state.observe_counted(convert.counted_views(response))
 
     def _on_friction(self, future: Any) -> None:
         response = future.result()
@@ -396,8 +405,8 @@ class PanelNode(CellNode):
                     result.reason,
                     duration_s=float(result.duration),
                     latency_s=float(result.latency),
-                    fingers=convert.grasp_decision(result),
-                    decided_stamp_s=convert.decided_stamp_s(result),
+                    fingers=convert.grasp_decision(result.decision),
+                    decided_stamp_s=convert.decided_stamp_s(result.decision),
                 )
                 return outcome == "GRIPPED", f"{outcome}: {result.reason}"
             if act == "calibrate":
