@@ -353,7 +353,8 @@ class CellJournal:
         """Count a grasp and a cycle of every mounted finger, and close the operation.
 
         Args:
-            product, product_version: that was grasped.
+            product: that was grasped.
+            product_version: of it.
             finger_set: that grasped.
             outcome: how it ended.
             reason: in words.

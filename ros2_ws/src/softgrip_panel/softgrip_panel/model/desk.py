@@ -15,12 +15,12 @@ from softgrip_panel.model.control import ControlDesk
 from softgrip_panel.model.friction import Refusal
 from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import PanelState
+from softgrip_panel.texts import say
 
 #: What is refused to strangers reaches other records so often at most; this panel's own has all of it.
 MAX_STRANGERS: Final = 10
 #: Counted over so long [s].
 STRANGERS_S: Final = 60.0
-_NO_REASON: Final = "reason: expected some words for the record, found none"
 
 
 class CellCalls(Protocol):
@@ -62,7 +62,7 @@ class ActDesk:
         except ActRefusedError as error:
             return self._done(person, act.name, act.subject, ActResult(success=False, message=str(error)))
         if not act.is_urgent:
-            self.record_event(person.name, act.name, act.subject, success=True, message="begun")
+            self.record_event(person.name, act.name, act.subject, success=True, message=say("done.begun"))
         return self._done(person, act.name, act.subject, await self._calls.call(act, person.name))
 
     def carry_out(
@@ -89,7 +89,7 @@ class ActDesk:
 
         def cancel() -> str:
             self._calls.cancel(act_name)
-            return "asked to end"
+            return say("done.asked_to_end")
 
         return self.carry_out(person, f"cancel_{act_name}", "", cancel, needs_control=False)
 
@@ -99,20 +99,22 @@ class ActDesk:
 
         def ask(desk: ControlDesk) -> str:
             desk.ask(person)
-            return "has control" if desk.has(person) else f"asked {owner.name if owner else 'nobody'} for it"
+            return say("done.has_control") if desk.has(person) else say("done.asked", name=owner.name if owner else "-")
 
         return self._change_control(person, "take_control", ask)
 
     def hand_over(self, person: Person) -> ActResult:
         """Give control to whoever asks."""
-        return self._change_control(person, "hand_over", lambda desk: f"{desk.hand_over(person).name} has control")
+        return self._change_control(
+            person, "hand_over", lambda desk: say("done.handed_over", name=desk.hand_over(person).name)
+        )
 
     def give_back(self, person: Person) -> ActResult:
         """Give control up."""
 
         def give(desk: ControlDesk) -> str:
             desk.give_back(person)
-            return "gave control back"
+            return say("done.gave_back")
 
         return self._change_control(person, "give_back", give)
 
@@ -121,7 +123,7 @@ class ActDesk:
 
         def force(desk: ControlDesk) -> str:
             desk.force(person, reason)
-            return f"took control: {reason.strip()}"
+            return say("done.forced", reason=reason.strip())
 
         return self._change_control(person, "force_control", force)
 
@@ -131,14 +133,14 @@ class ActDesk:
         def acknowledge() -> str:
             with self.state.locked():
                 self.state.alarms.acknowledge(key, person.name)
-            return "acknowledged"
+            return say("done.acknowledged")
 
         return self.carry_out(person, "acknowledge", key, acknowledge, needs_control=False)
 
     async def activate_model(self, person: Person, model: str, reason: str) -> ActResult:
         """Make a friction model the active one, with a reason; a refusal of before is lifted by it."""
         if not reason.strip():
-            return self.refuse(person, "activate_friction", _NO_REASON)
+            return self.refuse(person, "activate_friction", say("friction.reason_missing"))
         result = await self.perform(person, acts.activate_friction(model, reason.strip()))
         if result.success:
             with self.state.locked():
@@ -148,7 +150,7 @@ class ActDesk:
     async def refuse_model(self, person: Person, model: str, reason: str) -> ActResult:
         """Refuse a friction model, with a reason that pages show beside it from then on; nothing else changes."""
         if not reason.strip():
-            return self.refuse(person, "refuse_friction", _NO_REASON)
+            return self.refuse(person, "refuse_friction", say("friction.reason_missing"))
         result = await self.perform(person, acts.refuse_friction(model, person.name, reason.strip()))
         if result.success:
             with self.state.locked():
@@ -175,7 +177,7 @@ class ActDesk:
 
     def _check(self, person: Person, role: Role, *, needs_control: bool) -> None:
         if person.role < role:
-            raise ActRefusedError(f"expected the role {role.word}, found {person.role.word}; log in as one who may")
+            raise ActRefusedError(say("error.role", role=role.word, found=person.role.word))
         if needs_control:
             with self.state.locked():
                 self.state.control.check(person)

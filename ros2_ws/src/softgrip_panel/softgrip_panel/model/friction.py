@@ -101,7 +101,8 @@ def intervals(
     """Return (name, value, half width of 95 %) of coefficients.
 
     Args:
-        names, values: of the coefficients.
+        names: of the coefficients.
+        values: of them.
         covariance: row by row; of another size = unknown, and the half widths are NaN.
         degrees_of_freedom: of the fit; 0 = unknown, and the interval is the normal distribution's.
     """

@@ -34,6 +34,7 @@ from softgrip_panel.model.grasps import GraspHistory
 from softgrip_panel.model.residuals import ResidualHistory, WatchLimits
 from softgrip_panel.model.swap import SwapFollower
 from softgrip_panel.model.weights import WeightCheck
+from softgrip_panel.texts import say
 
 #: Without tendon/status for so long the driver is called silent [s].
 SILENCE_S = 2.0
@@ -196,9 +197,9 @@ class PanelState:
             if silent_s > SILENCE_S:
                 fact = AlarmFact(
                     "tendon/status",
-                    "the driver is silent",
-                    cause=f"expected tendon/status ten times a second, found none for {SILENCE_S:g} s",
-                    remedy="start tendon_driver, or look at its log; what this page shows of the tendons is old",
+                    say("alarm.silent"),
+                    cause=say("alarm.silent_cause", silence=SILENCE_S),
+                    remedy=say("alarm.silent_remedy"),
                 )
                 self.alarms.observe("silence", {"silence": fact})
             self.alarms.advance()

@@ -62,7 +62,7 @@ from softgrip_panel.model.work import Worker, WorkRun
 from softgrip_panel.nodes import convert
 from softgrip_panel.nodes.cell_calls import RosCalls
 from softgrip_panel.nodes.parameter_reader import RosParameters
-from softgrip_panel.texts import Texts
+from softgrip_panel.texts import Texts, speak
 from softgrip_time.units import to_s
 
 if TYPE_CHECKING:
@@ -156,6 +156,7 @@ class PanelNode(CellNode):
             ) from error
         with startup_errors(PanelError):
             texts = Texts(values["language"])
+            speak(texts)
             accounts = Accounts(Path(values["users_file"]).expanduser() if values["users_file"] else None)
             bound = listen(values["host"], values["port"])
         port = bound.getsockname()[1]

@@ -47,6 +47,24 @@ class Texts:
         return tuple(self._texts)
 
 
+class _Spoken:
+    """The catalogue that this process speaks; English until it was told another."""
+
+    texts: Texts | None = None
+
+
+def speak(texts: Texts) -> None:
+    """Let `say` use a catalogue from now on: one language a panel."""
+    _Spoken.texts = texts
+
+
+def say(key: str, **values: object) -> str:
+    """Return the text of a key in the panel's language, for what the model and the gate have to say."""
+    if _Spoken.texts is None:
+        _Spoken.texts = Texts()
+    return _Spoken.texts(key, **values)
+
+
 def _flat(node: Any, prefix: str) -> Mapping[str, str]:
     if not isinstance(node, dict):
         return {prefix: str(node)}

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Charts of a page, as SVG made of numbers and of texts that are escaped: a friction model beside its points, the
-statistics of a finger over its closings, the empty closing of a record."""
+"""Charts of a page, as SVG made of numbers and of texts that are escaped.
+
+A friction model beside its points, the statistics of a finger over time, the empty closing of a record.
+"""
 
 from __future__ import annotations
 
@@ -59,23 +61,25 @@ def _text(x: float, y: float, text: str, anchor: str = "middle", colour: str = "
 
 def _frame(axes: Axes, x_name: str, y_name: str) -> str:
     """Return frame, ticks and names of the axes."""
-    parts = [
-        f'<rect x="{_LEFT}" y="{_TOP}" width="{WIDTH - _LEFT - _RIGHT}" height="{HEIGHT - _TOP - _BOTTOM}" fill="none" '
-        'style="stroke:var(--line)"/>'
-    ]
-    for ends, is_x in ((axes.x, True), (axes.y, False)):
-        step = _round_step(ends[1] - ends[0])
-        for k in range(math.ceil(ends[0] / step - 1e-9), math.floor(ends[1] / step + 1e-9) + 1):
-            x, y = axes.place(k * step, axes.y[0]) if is_x else axes.place(axes.x[0], k * step)
-            parts.append(
-                _text(x, y + 18.0, f"{k * step:g}") if is_x else _text(x - 6.0, y + 5.0, f"{k * step:g}", "end")
-            )
-            end = (x, _TOP) if is_x else (WIDTH - _RIGHT, y)
-            parts.append(
-                f'<path d="M{x:.1f} {y:.1f} L{end[0]:.1f} {end[1]:.1f}" style="stroke:var(--line)" opacity=".5"/>'
-            )
+    size = f'width="{WIDTH - _LEFT - _RIGHT}" height="{HEIGHT - _TOP - _BOTTOM}"'
+    parts = [f'<rect x="{_LEFT}" y="{_TOP}" {size} fill="none" style="stroke:var(--line)"/>']
+    for value in _ticks(axes.x):
+        x, y = axes.place(value, axes.y[0])
+        parts += [_text(x, y + 18.0, f"{value:g}"), _rule(f"M{x:.1f} {y:.1f} V{_TOP}")]
+    for value in _ticks(axes.y):
+        x, y = axes.place(axes.x[0], value)
+        parts += [_text(x - 6.0, y + 5.0, f"{value:g}", "end"), _rule(f"M{x:.1f} {y:.1f} H{WIDTH - _RIGHT}")]
     parts += [_text((WIDTH + _LEFT) / 2.0, HEIGHT - 6.0, x_name), _text(4.0, 16.0, y_name, "start")]
     return "".join(parts)
+
+
+def _ticks(ends: tuple[float, float]) -> list[float]:
+    step = _round_step(ends[1] - ends[0])
+    return [k * step for k in range(math.ceil(ends[0] / step - 1e-9), math.floor(ends[1] / step + 1e-9) + 1)]
+
+
+def _rule(path: str) -> str:
+    return f'<path d="{path}" style="stroke:var(--line)" opacity=".5"/>'
 
 
 def _line(axes: Axes, points: Sequence[tuple[float, float]], number: int, classes: str) -> str:
@@ -92,9 +96,8 @@ def _legend(names: Sequence[str], y_name: str) -> str:
     parts, x = [], 24.0 + 8.0 * len(y_name)
     for number, name in enumerate(names):
         colour, dash = STYLES[number % len(STYLES)]
-        parts.append(
-            f'<path d="M{x:.0f} 12 h30" stroke-width="3" stroke-dasharray="{dash or "none"}" style="stroke:var({colour})"/>'
-        )
+        style = f'stroke-width="3" stroke-dasharray="{dash or "none"}" style="stroke:var({colour})"'
+        parts.append(f'<path d="M{x:.0f} 12 h30" {style}/>')
         parts.append(_text(x + 36.0, 17.0, name, "start", "--text"))
         x += 52.0 + 8.0 * len(name)
     return "".join(parts)
@@ -113,7 +116,8 @@ def fit_chart(picture: FitPicture, label: str, x_name: str, y_name: str) -> str:
     Args:
         picture: of the model.
         label: of the chart, for who does not see it.
-        x_name, y_name: of the axes.
+        x_name: of the horizontal axis.
+        y_name: of the vertical one.
     """
     edges = [1.0]
     for curve in picture.curves:
@@ -190,7 +194,8 @@ def tip_chart(fingers: Sequence[tuple[str, Sequence[ResidualSample]]], label: st
     Args:
         fingers: name and samples, oldest first.
         label: of the chart, for who does not see it.
-        x_name, y_name: of the axes.
+        x_name: of the horizontal axis.
+        y_name: of the vertical one.
     """
     curves = [_minutes(samples, [1e3 * one.tip_error_m for one in samples]) for _, samples in fingers if samples]
     top = max([1.0, *(y for curve in curves for _, y in curve)])
@@ -206,7 +211,8 @@ def check_chart(curve: Sequence[tuple[float, float]], label: str, x_name: str, y
     Args:
         curve: (pulled length [m], tension [N]), at least one.
         label: of the chart, for who does not see it.
-        x_name, y_name: of the axes.
+        x_name: of the horizontal axis.
+        y_name: of the vertical one.
     """
     points = [(1e3 * x, n) for x, n in curve]
     axes = Axes((0.0, max(1.0, *(x for x, _ in points))), (0.0, 1.1 * max(1.0, *(n for _, n in points))))
