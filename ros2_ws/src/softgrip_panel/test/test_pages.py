@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import Any
 from urllib.parse import quote
 
@@ -356,6 +357,32 @@ def test_a_finger_is_drawn_with_every_face_coloured_by_its_strain(browser: Panel
         "if (d[k + 2] > d[k] + 60) blue += 1; if (d[k] > d[k + 2] + 60) red += 1; } return [blue, red];"
     )
     assert min(colours) > 200  # the base is blue, the tip is red
+
+
+def test_a_bag_is_begun_ended_reported_replayed_and_fetched(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/bags")
+    take_control(browser)
+    assert re.search(r"[0-9] [GT]B left on the disk", browser.text("#free"))
+    before = len(site.calls())
+    for name in ("start", "split", "stop", "snapshot"):
+        browser.press(name)
+    recorder = ["start_recording", "split_recording", "stop_recording", "snapshot"]
+    browser.wait(lambda: [one["act"] for one in site.calls()[before:]] == recorder, "what the recorder was told")
+    browser.wait_for_text("#bags", "part_0.mcap (4 kB)")
+    browser.press("replay-softgrip_20261125")
+    browser.wait_for_text("#bags", "identical: messages: 120, largest: 0.0")
+    browser.press("report-softgrip_20261125")
+    browser.wait_for_text("#bags", "Open the report")
+    said = (site.folder / "said").read_text()
+    assert "softgrip_bag replay --through kinematics_predictor --json" in said
+    fetched = "return fetch(document.querySelector('#bags a[download]').href).then(a => a.text()).then(t => t.length)"
+    assert browser.script(fetched) == 4000
+    browser.driver.get(browser.find("#bags a[href$='/report']").get_attribute("href"))
+    assert browser.text() == "a report"
+    assert browser.count("svg path") == 1
+    assert [one["subject"] for one in site.recorded() if one["act"] in {"report", "replay"}] == [
+        "softgrip_20261125", "softgrip_20261125",
+    ]  # fmt: skip
 
 
 # --- set-up

@@ -14,7 +14,7 @@ from enum import IntEnum, StrEnum
 from typing import Any
 
 from sqlalchemy import delete, func, insert, select, update
-from sqlalchemy.engine import Connection, Row
+from sqlalchemy.engine import Connection, CursorResult, Row
 
 from softgrip_cell.finger_records import FingerState
 from softgrip_cell.grasp.contact import ContactState
@@ -376,7 +376,7 @@ class CellJournal:
             )
             connection.execute(
                 insert(GRASP_EVIDENCE).values(
-                    outcome_id=counted.inserted_primary_key[0],
+                    outcome_id=_new_id(counted),
                     serials=json.dumps(list(serials)),
                     decided_ns=evidence.decided_ns if evidence else 0,
                     phase=evidence.phase.value if evidence else "",
@@ -454,3 +454,9 @@ def _counted_grasp(row: Row[Any]) -> CountedGrasp:
     return CountedGrasp(
         row.at_ns, row.product, row.finger_set, row.outcome, row.reason, row.duration_s, serials, evidence
     )
+
+
+def _new_id(inserted: CursorResult[Any]) -> int:
+    key = inserted.inserted_primary_key
+    assert key is not None
+    return int(key[0])

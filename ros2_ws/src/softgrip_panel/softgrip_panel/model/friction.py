@@ -176,9 +176,9 @@ def _curve(law: FrictionLaw, model: FrictionModelView, angles: np.ndarray, tensi
     return LoadCurve(
         tension_n,
         tuple(
-            (float(angle), *map(float, one))
-            for angle, *one in zip(angles, found.ratio, low, high, strict=True)
-            if math.isfinite(one[0])
+            (float(angle), float(ratio), float(least), float(most))
+            for angle, ratio, least, most in zip(angles, found.ratio, low, high, strict=True)
+            if math.isfinite(ratio)
         ),
     )
 

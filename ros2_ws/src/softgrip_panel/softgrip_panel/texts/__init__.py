@@ -32,7 +32,7 @@ class Texts:
         self._texts = dict(_flat(document, ""))
         self.language = language
 
-    def __call__(self, key: str, **values: object) -> str:
+    def __call__(self, key: str, /, **values: object) -> str:
         """Return the text of a key with values filled in; a key that is not there is shown as it is."""
         text = self._texts.get(key)
         return key if text is None else text.format(**values) if values else text
@@ -58,7 +58,7 @@ def speak(texts: Texts) -> None:
     _Spoken.texts = texts
 
 
-def say(key: str, **values: object) -> str:
+def say(key: str, /, **values: object) -> str:
     """Return the text of a key in the panel's language, for what the model and the gate have to say."""
     if _Spoken.texts is None:
         _Spoken.texts = Texts()
