@@ -397,13 +397,44 @@ def test_the_bus_is_freed_for_a_terminal_and_taken_back(browser: PanelBrowser, s
     assert "wizard --port /dev/servos --tendons index middle thumb --file cell.yaml" in browser.text("#terminal")
     browser.press("free-bus")
     browser.wait_for_text(".dialog", "What the hand holds falls")
+    for key in ("scan", "ids", "selftest"):
+        assert not browser.find(f"[data-name='run-{key}']").is_enabled()  # the driver has the bus
     browser.press("free-confirm")
     browser.wait_for_text("#bus-owner", "The bus is free")
+    run_on_the_bus(browser, site)
     browser.press("take-bus")
     browser.press("take-confirm")
     browser.wait_for_text("#driver-phase", "tendons held")
     asked = [one["request"]["transition"]["label"] for one in site.calls() if one["act"] == "set_driver"]
     assert asked == ["deactivate", "cleanup", "configure", "activate"]
+
+
+def run_on_the_bus(browser: PanelBrowser, site: RunningSite) -> None:
+    """Scan, test and name servos by clicks; what the commands say is shown."""
+    browser.press("run-scan")
+    browser.wait_for_text("#bench-said", "Scan: running")
+    assert not browser.find("[data-name='take-bus']").is_enabled()  # not into the midst of it
+    browser.driver.refresh()  # it goes on, and what it says is shown
+    browser.wait_for_text("#bench-output", "ID 1: XL330-M288 at 1000000 baud")
+    browser.wait_for_text("#bench-said", "Scan: done")
+    browser.press("run-selftest")
+    browser.wait_for_text("#bench-output", "fix: set it to 1 ms")
+    browser.wait_for_text("#bench-said", "Self-test: ended with code 1")
+    field = browser.find(".id-new input")
+    field.send_keys(Keys.CONTROL, "a")
+    field.send_keys("3\t")
+    browser.press("run-ids")
+    browser.wait_for_text("#bench-said", "One servo's ID and baud rate: done")
+    assert browser.count("[data-name='run-wizard'], [data-name='run-calibrate']") == 0
+    asked = [line for line in (site.folder / "said").read_text().splitlines() if "softgrip_driver" in line]
+    assert asked == [
+        "run softgrip_driver scan --port /dev/servos",
+        "run softgrip_driver selftest --port /dev/servos --baud 1000000",
+        "run softgrip_driver setup --port /dev/servos --baud 57600 --id 1 --new-id 3 --new-baud 1000000",
+    ]
+    browser.resize(1280, 2400)
+    browser.screenshot(site.folder / "setup.png")
+    browser.resize(1280, 800)
 
 
 def test_tendons_are_bedded_in_until_no_zero_moves(browser: PanelBrowser, site: RunningSite) -> None:

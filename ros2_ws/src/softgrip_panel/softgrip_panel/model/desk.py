@@ -66,19 +66,27 @@ class ActDesk:
         return self._done(person, act.name, act.subject, await self._calls.call(act, person.name))
 
     def carry_out(
-        self, person: Person, name: str, subject: str, change: Callable[[], str], *, needs_control: bool
+        self,
+        person: Person,
+        name: str,
+        subject: str,
+        change: Callable[[], str],
+        *,
+        needs_control: bool,
+        role: Role = Role.OPERATE,
     ) -> ActResult:
         """Do what the panel does itself, with the checks, the record and the notice of an act.
 
         Args:
-            person: who wants it; at least one who operates.
+            person: who wants it.
             name: of the act, for texts ("act.NAME") and the record.
             subject: what it is about.
             change: does it and returns what was done; may raise ActRefusedError.
             needs_control: as of an Act.
+            role: at least needed.
         """
         try:
-            self._check(person, Role.OPERATE, needs_control=needs_control)
+            self._check(person, role, needs_control=needs_control)
             message = change()
         except ActRefusedError as error:
             return self._done(person, name, subject, ActResult(success=False, message=str(error)))
