@@ -373,10 +373,18 @@ class Cell:
         self._busy = CellMode.HOLDING if held else None
         self._note = f"{task.product.id}: {verdict.outcome.value}: {verdict.reason}"
         finger_set = mounted.id if mounted else ""
+        serials = tuple(slot.serial for slot in self._slots)
 
         def write() -> None:
             self._journal.finish_grasp(
-                task.product.id, task.product.version, finger_set, verdict.outcome.value, verdict.reason, duration_s
+                task.product.id,
+                task.product.version,
+                finger_set,
+                verdict.outcome.value,
+                verdict.reason,
+                duration_s,
+                serials=serials,
+                evidence=verdict.evidence,
             )
             self._counts = self._journal.counts()
 

@@ -18,7 +18,7 @@ from softgrip_cell.errors import RefusedError
 from softgrip_cell.finger_records import FingerRecord, FingerState, read_finger_records
 from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits, SafetyFacts
 from softgrip_cell.grasp.reference import FreeReference
-from softgrip_cell.grasp.values import GraspOutcome, GraspVerdict
+from softgrip_cell.grasp.values import GraspEvidence, GraspOutcome, GraspPhase, GraspVerdict
 from softgrip_cell.observation import FreeMotion, ObservedPair, TendonSample
 from softgrip_cell.products import TableMark
 from softgrip_cell.storage import CellJournal, Database, Library, MountedSlot, SlotState
@@ -161,6 +161,15 @@ def test_only_what_was_gripped_is_held_and_what_is_held_is_not_let_fall(cell: Ce
     for begin in (lambda: grasp(cell), lambda: cell.begin_swap("pinch", ())):
         with pytest.raises(RefusedError, match="'egg' is held; call tendon/release"):
             begin()
+
+
+def test_a_counted_grasp_names_the_fingers_that_made_it(cell: Cell, database: Database) -> None:
+    evidence = GraspEvidence(GraspPhase.CLOSE, 7)
+    cell.end_grasp(grasp(cell), GraspVerdict(GraspOutcome.EMPTY, "", 0.0, evidence), 1.0)
+    (found,) = CellJournal(database, ("index", "middle", "thumb"), lambda: 0).grasps(1)
+    assert found.serials == tuple(slot.serial for slot in cell.slots())
+    assert all(found.serials)
+    assert found.evidence == evidence
 
 
 @pytest.mark.parametrize("closed", range(3))

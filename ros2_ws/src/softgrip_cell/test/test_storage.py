@@ -13,17 +13,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from sqlalchemy import event, update
+from sqlalchemy import event, insert, text, update
 
 from softgrip_cell.catalogue_file import catalogue_text, read_catalogue
 from softgrip_cell.errors import ConflictError, OccupiedError, RefusedError, StorageError
 from softgrip_cell.finger_records import FingerState, read_finger_records
+from softgrip_cell.grasp.contact import ContactState
+from softgrip_cell.grasp.values import FingerEvidence, GraspEvidence, GraspPhase
 from softgrip_cell.outcomes import Tally
 from softgrip_cell.storage import CellJournal, Database, HeldLock, Library, PendingWrites, SlotState
 from softgrip_cell.storage.engine import POSTGRES_DRIVER
 from softgrip_cell.storage.journal import SwapOutcome
 from softgrip_cell.storage.schema import LOCK as LOCK_TABLE
-from softgrip_cell.storage.schema import META
+from softgrip_cell.storage.schema import META, OUTCOME
 from softgrip_testing.waiting import wait_until
 
 SLOTS = ("index", "middle", "thumb")
@@ -170,6 +172,40 @@ def test_grasps_are_listed_newest_first(library: Library, journal: CellJournal) 
         ("egg", "EMPTY", "because EMPTY", 1.5),
     ]
     assert found[0].at_ns > found[1].at_ns
+
+
+def test_a_grasp_is_kept_with_its_fingers_and_the_numbers_behind_it(database: Database, journal: CellJournal) -> None:
+    evidence = GraspEvidence(
+        GraspPhase.HOLD,
+        1_234_567_890,
+        (
+            FingerEvidence("index", ContactState.BLOCKED, 3.1, 0.9, 0.2, 3.4, 1.5),
+            FingerEvidence("thumb", ContactState.FREE, 0.1, 0.9, 0.2, 0.3, 0.4, 0.002),
+        ),
+    )
+    serials = ("PW-I-01", "PW-M-01", "PW-T-01")
+    journal.finish_grasp("egg", 1, "power", "GRIPPED", "both sides press", 1.5, serials=serials, evidence=evidence)
+    journal.finish_grasp("egg", 1, "power", "ABORTED", "asked for", 0.5, serials=serials)
+    aborted, gripped = journal.grasps(2)
+    assert (gripped.serials, gripped.evidence) == (serials, evidence)
+    assert (aborted.serials, aborted.evidence) == (serials, None)
+    database.load(database.save())
+    assert journal.grasps(2) == [aborted, gripped]
+
+
+def test_a_grasp_that_an_older_release_counted_has_no_fingers(database_url: str) -> None:
+    with Database(database_url) as opened, opened.write() as connection:
+        connection.execute(text("DROP TABLE softgrip_grasp_evidence"))
+        connection.execute(update(META).where(META.c.key == "schema").values(value="2"))
+        connection.execute(
+            insert(OUTCOME).values(
+                product="egg", product_version=1, finger_set="power", outcome="GRIPPED", reason="", duration_s=1.0,
+                at_ns=1,
+            )
+        )  # fmt: skip
+    with Database(database_url) as opened:
+        (found,) = CellJournal(opened, ("index",), Clock()).grasps(1)
+    assert (found.outcome, found.serials, found.evidence) == ("GRIPPED", (), None)
 
 
 def test_a_verified_set_is_to_be_verified_after_a_restart(database: Database, journal: CellJournal) -> None:
@@ -358,7 +394,7 @@ def test_a_database_that_could_not_be_opened_is_opened_later(tmp_path: Path) -> 
 def test_a_newer_schema_is_refused(database_url: str) -> None:
     with Database(database_url) as opened, opened.write() as connection:
         connection.execute(update(META).values(value="99"))
-    with pytest.raises(StorageError, match="expected schema 2, found 99"):
+    with pytest.raises(StorageError, match="expected schema 3, found 99"):
         Database(database_url)
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -22,6 +23,19 @@ from softgrip_testing.manual_clock import ManualClock
 from softgrip_testing.synthetic_boards import POSES, BoardCamera
 from softgrip_vision.calibrating import Board
 from softgrip_vision.calibration import Lens
+
+#: Stands in for `ros2` beside the site: writes down what it was asked for, and does what it would do.
+ROS2 = """#!/bin/sh
+echo "$@" >> "$SAID"
+case "$3" in
+report) echo "<html><body>a report<svg><path d='M0 0 L9 9'/></svg></body></html>" > "$6" ;;
+replay) echo '{"messages": 120, "largest": 0.0}' ;;
+scan) echo "scanning $5"; sleep 1; echo "ID 1: XL330-M288 at 1000000 baud" ;;
+selftest) echo "latency timer 16 ms"; echo "fix: set it to 1 ms"; exit 1 ;;
+setup) echo "ID 1 -> $9" ;;
+wizard) echo "step 1"; sleep 60; echo "never said" ;;
+esac
+"""
 
 
 @dataclass
@@ -45,8 +59,17 @@ class RunningSite:
 def run_site(folder: Path, port: int = 0) -> RunningSite:
     """Start a site and wait for its address."""
     program = str(Path(__file__).with_name("panel_site.py"))
+    stand_in = folder / "bin" / "ros2"
+    stand_in.parent.mkdir(exist_ok=True)
+    stand_in.write_text(ROS2)
+    stand_in.chmod(0o755)
+    environment = {**os.environ, "PATH": f"{stand_in.parent}:{os.environ['PATH']}", "SAID": str(folder / "said")}
     process = subprocess.Popen(
-        [sys.executable, program, str(folder), str(port)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, program, str(folder), str(port)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env=environment,
     )
     assert process.stdout is not None
     return RunningSite(process.stdout.readline().strip().rstrip("/"), folder, process)

@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 
 from softgrip_model.finger import Finger
+from softgrip_model.friction.laws import FrictionLaw, Law
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS, mesh_finger
 from softgrip_model.profile import load
 from softgrip_panel.access.accounts import Accounts
@@ -33,6 +34,8 @@ from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import (
     CellView,
     ComponentHealth,
+    CountedView,
+    FingerDecision,
     FingerRecordView,
     FingerView,
     MountedView,
@@ -46,8 +49,8 @@ from softgrip_panel.model.facts import (
 )
 from softgrip_panel.model.frames import PanelPicture
 from softgrip_panel.model.friction import FrictionModelView, RigPoint, RigProgress
-from softgrip_panel.model.grasps import FingerDecision
 from softgrip_panel.model.parameters import ParameterKind, ParameterView
+from softgrip_panel.model.residuals import WatchLimits
 from softgrip_panel.model.shapes import FaceOwners, PanelShape
 from softgrip_panel.model.state import PanelState
 from softgrip_panel.model.swap import CONFIRMED, STEPS, SwapPhase, SwapView
@@ -179,13 +182,16 @@ class PretendedCell:
 
     def _confirm_rig(self, act: Act, who: str) -> ActResult:
         rig = self.state.rig
-        point = RigPoint(rig.index, rig.angle_rad, rig.load_kg, 4.9, 6.1, 0.04, "ACCEPTED", "")
+        point = RigPoint(rig.index, rig.angle_rad, rig.load_kg, 9.81 * rig.load_kg, 12.2 * rig.load_kg, 0.04,
+                         "ACCEPTED", "")  # fmt: skip
         rig = replace(rig, points=(*rig.points, point))
-        self.state.rig = (
-            RigProgress(points=rig.points, message="SUCCEEDED: usable", fitted="braid-new")
-            if rig.index
-            else replace(rig, index=1, load_kg=1.0, instruction="Set 90 deg and hang 1.00 kg.")
-        )
+        if rig.index:
+            fitted = replace(self.state.friction_models[0], id="braid-new", is_active=False)
+            self.state.friction_models = (fitted, *self.state.friction_models)
+            rig = RigProgress(points=rig.points, message="SUCCEEDED: usable", fitted="braid-new")
+        else:
+            rig = replace(rig, index=1, load_kg=1.0, instruction="Set 90 deg and hang 1.00 kg.")
+        self.state.rig = rig
         return ActResult(success=True, message="measured")
 
     def _activate_friction(self, act: Act, who: str) -> ActResult:
@@ -310,8 +316,8 @@ def feed(site: PanelSite, stop: threading.Event) -> None:
         angles = tuple(phase * k for k in (0.3, 0.5, 0.7))
         state.predicted = tuple(FingerView(name, angles) for name in SLOTS)
         state.measured = (FingerView("index", angles),)
-        state.residuals["index"] = ResidualView(
-            "index", 0.0012, 1.1, 0.4, 0.2, "OK", "learning the baseline: closing 1 of 5"
+        state.observe_residual(
+            ResidualView("index", 0.0012, 1.1, 0.4 + number // 40, 0.2, "OK", "learning the baseline: closing 1 of 5")
         )
 
 
@@ -345,14 +351,33 @@ def make_site(folder: Path, port: int) -> PanelSite:
     (folder / "bags" / HOSTILE).mkdir(exist_ok=True)
     (folder / "bags" / HOSTILE / f"{HOSTILE}.mcap").write_bytes(b"MCAP")
     (folder / "bags" / "softgrip_20261125" / "part_0.mcap").write_bytes(b"MCAP" * 1000)
+    state.observe_counted(
+        [
+            CountedView(
+                1.7e9,
+                "grape",
+                "pinch",
+                "EMPTY",
+                "nothing between the fingers",
+                2.0,
+                ("PI-I-07", "PI-M-07", "PI-T-07"),
+                1.7e9 - 0.8,
+                JUDGED,
+            ),
+        ]
+    )
     state.friction_models = (
         FrictionModelView(
             "pe-braid-0.25-mm-tpu-printed-along-the-layers-matte-20261126T035452Z", "matte",
             (("alpha", 0.21, 0.02), ("n", 0.9, 0.01), ("epsilon", 0.096, 0.048), ("lambda", 0.017, 0.026)),
             0.02, 0.05, 9, 90_000.0, "USABLE", "average error 1.0%, 95 % interval within 4.5%", is_active=True,
+            law_found=FrictionLaw(Law.MATTE, (0.21, 0.9, 0.096, 0.017), 3.125, angle_range=(0.5, 6.2832),
+                                  tension_range=(1.0, 20.0)),
+            covariance=tuple(np.diag([1e-4, 2.5e-5, 6e-4, 1.7e-4]).ravel()), degrees_of_freedom=5,
         ),
     )  # fmt: skip
     state.friction_active = state.friction_models[0].id
+    state.watch_limits = WatchLimits.of("shifts", 6.0, 15.0, 5.0)
     accounts = Accounts(folder / "users.yaml" if (folder / "users.yaml").exists() else None)
     sessions = Sessions(time.monotonic, state.control.forget)
     cell = PretendedCell(state, folder / "calls")

@@ -36,6 +36,7 @@ from softgrip_panel.model.facts import (
     CellView,
     ComponentHealth,
     CountedView,
+    FingerDecision,
     MountedView,
     ProductView,
     ResidualView,
@@ -796,6 +797,49 @@ def test_only_files_of_listed_bags_are_reached(tmp_path: Path) -> None:
     with pytest.raises(PanelError):
         folder.report("../secret")
     assert BagFolder(None).bags() == ()
+
+
+def test_a_grasp_of_another_client_gets_its_deciding_sample_from_the_database(
+    state: PanelState, clock: ManualClock
+) -> None:
+    """The panel sees it begin and end by cell/state and has its curve; the cell's own time runs twice as fast."""
+    before = CellView("IDLE", "power", tuple(MountedView(name, "", "", "verified") for name in ("index", "thumb")))
+    state.observe_cell(before)
+    state.observe_cell(replace(before, mode="GRASPING", product="egg"))
+    for step in range(21):
+        state.observe_tensions([TensionView("index", 0.001 * step, 0.5 * step)], 5000.0 + 0.2 * step)
+        clock.s += 0.1
+    state.observe_cell(replace(before, mode="HOLDING", product="egg", picks=1, gripped=1))
+    judged = (FingerDecision("index", "BLOCKED", 3.1, 0.9),)
+    serials = ("PW-I-01", "PW-T-01")
+    other = CountedView(5004.3, "grape", "power", "GRIPPED", "another product", 1.0, serials, 5003.0, judged)
+    early = CountedView(4000.0, "egg", "power", "GRIPPED", "long before", 1.0, serials, 3999.0, judged)
+    its = CountedView(5004.3, "egg", "power", "GRIPPED", "both sides press", 4.2, serials, 5003.0, judged)
+    state.observe_counted([other, its, early])
+    (record,) = state.grasps.records
+    assert (record.reason, record.serials, record.fingers) == ("both sides press", serials, judged)
+    assert record.decided_s == pytest.approx(1.5)  # 3 s of the cell after the first sample
+    version = state.grasps.version
+    state.observe_counted([replace(one) for one in (other, its, early)])  # the next look
+    assert state.grasps.version == version
+    assert [row.reason for row in grasp_rows(state.grasps.records, state.counted)] == [
+        "both sides press", "another product", "long before",
+    ]  # fmt: skip
+
+
+def test_the_panels_own_verdict_is_not_changed_by_the_database(state: PanelState, clock: ManualClock) -> None:
+    idle = CellView("IDLE", "power")
+    state.observe_cell(idle)
+    state.observe_cell(replace(idle, mode="GRASPING", product="egg"))
+    state.observe_tensions([TensionView("index", 0.0, 1.0)], 100.0)
+    clock.s += 0.5
+    state.observe_tensions([TensionView("index", 0.001, 2.0)], 100.5)
+    own = (FingerDecision("index", "CONTACT", 1.0, 0.9),)
+    state.grasps.observe_result("GRIPPED", "own", duration_s=1.0, latency_s=0.0, fingers=own, decided_stamp_s=100.25)
+    state.observe_cell(replace(idle, mode="HOLDING", product="egg", gripped=1))
+    state.observe_counted([CountedView(101.0, "egg", "power", "GRIPPED", "told", 1.0, (), 100.5, ())])
+    (record,) = state.grasps.records
+    assert (record.reason, record.fingers, record.decided_s) == ("own", own, pytest.approx(0.25))
 
 
 def test_grasps_of_panel_and_database_are_one_list() -> None:

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from typing import Any
 from urllib.parse import quote
 
@@ -90,8 +92,13 @@ def test_a_grasp_by_clicks_and_what_is_kept_of_it(browser: PanelBrowser, site: R
         lambda: browser.script("return document.querySelector('.pictures img').naturalWidth") == 640, "a picture"
     )
     export = "return fetch(document.getElementById('export').href).then(answer => answer.text())"
-    assert len(browser.script(export).splitlines()) == 2  # its heading and the grasp
-    browser.find("#grasps input").send_keys("grape")
+    assert len(browser.script(export).splitlines()) == 3  # its heading and both grasps
+    browser.press("show-counted-1700000000")  # of another client, before this panel was there
+    browser.wait_for_text("#grasp-detail", "nothing between the fingers")
+    browser.wait_for_text("#grasp-detail", "Fingers: pinch PI-I-07, PI-M-07, PI-T-07")
+    browser.wait_for_text("#decided-at", "0.8 s before it was counted")
+    assert "contact tension 3.1 N" in browser.text("#grasp-detail")
+    browser.find("#grasps input").send_keys("orange")
     browser.wait(lambda: len(browser.script(export).splitlines()) == 1, "an export by the filter")
     browser.open("/fingers")
     browser.wait_for_text("#contacts", "at the last verdict: BLOCKED")
@@ -149,6 +156,25 @@ def test_a_users_own_finger_set_is_mounted_by_its_button(browser: PanelBrowser, 
     browser.wait_for_text("#instruction", "CANCELLED")
 
 
+def closings(browser: PanelBrowser) -> dict[str, tuple[int, int]]:
+    """Return of each slot how many points of its record, and how many dots of now, page Swap has drawn."""
+    return dict(json.loads(str(browser.script("return document.getElementById('check').dataset.drawn || '{}'"))))
+
+
+def check_colours(browser: PanelBrowser) -> list[int]:
+    """Return how many pixels of the check have the colour of records, and that of now."""
+    return list(
+        browser.script(
+            "const c = document.getElementById('check'), s = getComputedStyle(document.body);"
+            "const rgb = n => [1, 3, 5].map(k => parseInt(s.getPropertyValue(n).trim().slice(k, k + 2), 16));"
+            "const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
+            "return ['--measured', '--accent'].map(n => { const w = rgb(n); let found = 0;"
+            "for (let k = 0; k < d.length; k += 4)"
+            " if (d[k + 3] > 250 && w.every((v, j) => Math.abs(v - d[k + j]) < 3)) found += 1; return found; });"
+        )
+    )
+
+
 def test_a_swap_survives_reload_and_a_second_browser_and_takes_scanned_serials(
     browser: PanelBrowser, site: RunningSite
 ) -> None:
@@ -162,6 +188,10 @@ def test_a_swap_survives_reload_and_a_second_browser_and_takes_scanned_serials(
     browser.wait_for_text("#instruction", "Open the palm.")
     browser.driver.refresh()
     browser.wait_for_text("#instruction", "Open the palm.")
+    browser.wait(lambda: all(record > 10 and dots > 10 for record, dots in closings(browser).values()), "closings")
+    assert set(closings(browser)) == {"index", "middle", "thumb"}
+    assert min(check_colours(browser)) > 50  # the records' lines, and the dots of now
+    assert browser.text("#unchecked") == ""
     browser.press("step-done")
     browser.wait_for_text("#instruction", "Do remove.")
     with PanelBrowser(site.address) as second:
@@ -239,8 +269,13 @@ def test_a_friction_measurement_by_clicks_is_accepted_with_a_reason(browser: Pan
     browser.wait_for_text("#rig-instruction", "hang 1.00 kg")
     browser.press("rig-done")
     browser.wait_for_text("#rig-instruction", "SUCCEEDED")
-    assert browser.text("#rig-points").count("1.245") == 2  # 6.1 N / 4.9 N
-    browser.press("accept")
+    assert browser.text("#rig-points").count("1.244") == 2  # 12.2 / 9.81
+    browser.wait_for_text("#fit-model", "braid-new: USABLE")
+    parts = "return ['fitted', 'band', 'measured'].map(c => document.querySelectorAll(`#friction-fit .${c}`).length)"
+    assert browser.script(parts) == [2, 2, 2]  # a curve with its interval for each load, and both points
+    refuse_the_fit(browser, site)
+    browser.press("activate-braid-new")
+    browser.wait_for_text(".dialog", "refused by Ada: the cable was frayed")
 
     def refused() -> bool:  # a press while the dialog is still opening is lost
         browser.press("activate-confirm")
@@ -251,6 +286,27 @@ def test_a_friction_measurement_by_clicks_is_accepted_with_a_reason(browser: Pan
     browser.press("activate-confirm")
     browser.wait(lambda: site.recorded()[-1]["act"] == "activate_friction", "the activation")
     assert site.recorded()[-1]["subject"] == "braid-new: fresh cable"
+    browser.wait(lambda: "refused by" not in browser.text("#friction-models"), "the refusal to be lifted")
+
+
+def refuse_the_fit(browser: PanelBrowser, site: RunningSite) -> None:
+    """Refuse the model that was fitted: it stays, with name and reason, and the active one stays active."""
+    browser.press("refuse")
+
+    def asked() -> bool:  # a press while the dialog is still opening is lost
+        browser.press("refuse-confirm")
+        return "expected some words" in browser.text(".dialog")
+
+    browser.wait(asked, "a reason asked for")
+    browser.find(".refuse-reason input").send_keys("the cable was frayed")
+    browser.press("refuse-confirm")
+    browser.wait_for_text("#friction-models", "refused by Ada: the cable was frayed")
+    browser.wait(lambda: not browser.find("[data-name='accept']").is_displayed(), "nothing left to judge")
+    (asked_for,) = (one["request"] for one in site.calls() if one["act"] == "refuse_friction")
+    assert asked_for == {
+        "who": "Ada", "action": "refuse friction model", "subject": "braid-new", "detail": "the cable was frayed",
+    }  # fmt: skip
+    assert [one["act"] for one in site.calls()].count("activate_friction") == 0
 
 
 def test_a_finger_is_retired_with_a_reason_and_its_label_carries_its_serial(
@@ -270,6 +326,23 @@ def test_a_finger_is_retired_with_a_reason_and_its_label_carries_its_serial(
     assert browser.count("svg path") > 0
 
 
+def test_the_check_of_a_finger_is_drawn_in_its_record(browser: PanelBrowser) -> None:
+    browser.open("/records")
+    browser.press("check-PW-M-01")
+    browser.wait_for_text(".dialog", "Empty closing of PW-M-01")
+    assert browser.count(".dialog path.check") == 1
+    assert browser.accessibility() == []
+    browser.press("check-close")
+
+
+def test_statistics_of_a_finger_are_drawn_with_the_limits_that_decide(browser: PanelBrowser) -> None:
+    browser.open("/fingers")
+    browser.wait_for_text("#watch-limits", "watched from 2.5 on, decided about from 5 on")
+    browser.wait(lambda: browser.count("#residual-charts .statistic") == 2, "friction and stiffness")
+    assert browser.count("#residual-charts .limit") == 2
+    assert browser.count("#residual-charts .tip") == 1
+
+
 def test_a_finger_is_drawn_with_every_face_coloured_by_its_strain(browser: PanelBrowser) -> None:
     browser.open("/fingers")
     drawn = "const c = document.getElementById('shape'); return [Number(c.dataset.number || 0), c.dataset.coloured]"
@@ -286,6 +359,32 @@ def test_a_finger_is_drawn_with_every_face_coloured_by_its_strain(browser: Panel
     assert min(colours) > 200  # the base is blue, the tip is red
 
 
+def test_a_bag_is_begun_ended_reported_replayed_and_fetched(browser: PanelBrowser, site: RunningSite) -> None:
+    browser.open("/bags")
+    take_control(browser)
+    assert re.search(r"[0-9] [GT]B left on the disk", browser.text("#free"))
+    before = len(site.calls())
+    for name in ("start", "split", "stop", "snapshot"):
+        browser.press(name)
+    recorder = ["start_recording", "split_recording", "stop_recording", "snapshot"]
+    browser.wait(lambda: [one["act"] for one in site.calls()[before:]] == recorder, "what the recorder was told")
+    browser.wait_for_text("#bags", "part_0.mcap (4 kB)")
+    browser.press("replay-softgrip_20261125")
+    browser.wait_for_text("#bags", "identical: messages: 120, largest: 0.0")
+    browser.press("report-softgrip_20261125")
+    browser.wait_for_text("#bags", "Open the report")
+    said = (site.folder / "said").read_text()
+    assert "softgrip_bag replay --through kinematics_predictor --json" in said
+    fetched = "return fetch(document.querySelector('#bags a[download]').href).then(a => a.text()).then(t => t.length)"
+    assert browser.script(fetched) == 4000
+    browser.driver.get(browser.find("#bags a[href$='/report']").get_attribute("href"))
+    assert browser.text() == "a report"
+    assert browser.count("svg path") == 1
+    assert [one["subject"] for one in site.recorded() if one["act"] in {"report", "replay"}] == [
+        "softgrip_20261125", "softgrip_20261125",
+    ]  # fmt: skip
+
+
 # --- set-up
 
 
@@ -298,13 +397,44 @@ def test_the_bus_is_freed_for_a_terminal_and_taken_back(browser: PanelBrowser, s
     assert "wizard --port /dev/servos --tendons index middle thumb --file cell.yaml" in browser.text("#terminal")
     browser.press("free-bus")
     browser.wait_for_text(".dialog", "What the hand holds falls")
+    for key in ("scan", "ids", "selftest"):
+        assert not browser.find(f"[data-name='run-{key}']").is_enabled()  # the driver has the bus
     browser.press("free-confirm")
     browser.wait_for_text("#bus-owner", "The bus is free")
+    run_on_the_bus(browser, site)
     browser.press("take-bus")
     browser.press("take-confirm")
     browser.wait_for_text("#driver-phase", "tendons held")
     asked = [one["request"]["transition"]["label"] for one in site.calls() if one["act"] == "set_driver"]
     assert asked == ["deactivate", "cleanup", "configure", "activate"]
+
+
+def run_on_the_bus(browser: PanelBrowser, site: RunningSite) -> None:
+    """Scan, test and name servos by clicks; what the commands say is shown."""
+    browser.press("run-scan")
+    browser.wait_for_text("#bench-said", "Scan: running")
+    assert not browser.find("[data-name='take-bus']").is_enabled()  # not into the midst of it
+    browser.driver.refresh()  # it goes on, and what it says is shown
+    browser.wait_for_text("#bench-output", "ID 1: XL330-M288 at 1000000 baud")
+    browser.wait_for_text("#bench-said", "Scan: done")
+    browser.press("run-selftest")
+    browser.wait_for_text("#bench-output", "fix: set it to 1 ms")
+    browser.wait_for_text("#bench-said", "Self-test: ended with code 1")
+    field = browser.find(".id-new input")
+    field.send_keys(Keys.CONTROL, "a")
+    field.send_keys("3\t")
+    browser.press("run-ids")
+    browser.wait_for_text("#bench-said", "One servo's ID and baud rate: done")
+    assert browser.count("[data-name='run-wizard'], [data-name='run-calibrate']") == 0
+    asked = [line for line in (site.folder / "said").read_text().splitlines() if "softgrip_driver" in line]
+    assert asked == [
+        "run softgrip_driver scan --port /dev/servos",
+        "run softgrip_driver selftest --port /dev/servos --baud 1000000",
+        "run softgrip_driver setup --port /dev/servos --baud 57600 --id 1 --new-id 3 --new-baud 1000000",
+    ]
+    browser.resize(1280, 2400)
+    browser.screenshot(site.folder / "setup.png")
+    browser.resize(1280, 800)
 
 
 def test_tendons_are_bedded_in_until_no_zero_moves(browser: PanelBrowser, site: RunningSite) -> None:

@@ -297,6 +297,8 @@ def grasp_entry(grasp: CountedGrasp) -> GraspEntry:
         outcome=grasp.outcome,
         reason=grasp.reason,
         duration=grasp.duration_s,
+        serials=list(grasp.serials),
+        decision=grasp_evidence(grasp.evidence) if grasp.evidence else EvidenceMessage(),
     )
 
 

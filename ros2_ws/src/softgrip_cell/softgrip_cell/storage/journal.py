@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from enum import IntEnum, StrEnum
 from typing import Any
 
 from sqlalchemy import delete, func, insert, select, update
-from sqlalchemy.engine import Connection
+from sqlalchemy.engine import Connection, CursorResult, Row
 
 from softgrip_cell.finger_records import FingerState
+from softgrip_cell.grasp.contact import ContactState
+from softgrip_cell.grasp.values import FingerEvidence, GraspEvidence, GraspPhase
 from softgrip_cell.outcomes import Tally
 from softgrip_cell.storage.engine import Database
-from softgrip_cell.storage.schema import FINGER_RECORD, LOCK, META, OPERATION, OUTCOME, SLOT, SWAP
+from softgrip_cell.storage.schema import FINGER_RECORD, GRASP_EVIDENCE, LOCK, META, OPERATION, OUTCOME, SLOT, SWAP
 from softgrip_time.units import to_s
 
 
@@ -91,7 +93,13 @@ class Counts:
 
 @dataclass(frozen=True)
 class CountedGrasp:
-    """One grasp of the outcome table; ``at_ns`` of its end, in nanoseconds since the Unix epoch."""
+    """One grasp of the outcome table.
+
+    Attributes:
+        at_ns: of its end, in nanoseconds since the Unix epoch.
+        serials: of the fingers that grasped, slot order; empty where an older release counted it.
+        evidence: the numbers behind the outcome; None where nothing was observed.
+    """
 
     at_ns: int
     product: str
@@ -99,6 +107,8 @@ class CountedGrasp:
     outcome: str
     reason: str
     duration_s: float
+    serials: tuple[str, ...] = ()
+    evidence: GraspEvidence | None = None
 
 
 class CellJournal:
@@ -329,11 +339,31 @@ class CellJournal:
         return serial
 
     def finish_grasp(
-        self, product: str, product_version: int, finger_set: str, outcome: str, reason: str, duration_s: float
+        self,
+        product: str,
+        product_version: int,
+        finger_set: str,
+        outcome: str,
+        reason: str,
+        duration_s: float,
+        *,
+        serials: Sequence[str] = (),
+        evidence: GraspEvidence | None = None,
     ) -> None:
-        """Count a grasp and a cycle of every mounted finger, and close the operation."""
+        """Count a grasp and a cycle of every mounted finger, and close the operation.
+
+        Args:
+            product: that was grasped.
+            product_version: of it.
+            finger_set: that grasped.
+            outcome: how it ended.
+            reason: in words.
+            duration_s: from accepting to the outcome [s].
+            serials: of the fingers, slot order.
+            evidence: the numbers behind the outcome; None = nothing was observed.
+        """
         with self._database.write() as connection:
-            connection.execute(
+            counted = connection.execute(
                 insert(OUTCOME).values(
                     product=product,
                     product_version=product_version,
@@ -342,6 +372,15 @@ class CellJournal:
                     reason=reason,
                     duration_s=duration_s,
                     at_ns=self._now_ns(),
+                )
+            )
+            connection.execute(
+                insert(GRASP_EVIDENCE).values(
+                    outcome_id=_new_id(counted),
+                    serials=json.dumps(list(serials)),
+                    decided_ns=evidence.decided_ns if evidence else 0,
+                    phase=evidence.phase.value if evidence else "",
+                    fingers=json.dumps([asdict(one) for one in evidence.fingers] if evidence else []),
                 )
             )
             mounted = select(SLOT.c.serial).where(SLOT.c.serial != "").scalar_subquery()
@@ -362,12 +401,14 @@ class CellJournal:
 
     def grasps(self, limit: int) -> list[CountedGrasp]:
         """Return the newest counted grasps, newest first."""
-        query = select(OUTCOME).order_by(OUTCOME.c.id.desc()).limit(limit)
+        query = (
+            select(OUTCOME, GRASP_EVIDENCE)
+            .outerjoin(GRASP_EVIDENCE, OUTCOME.c.id == GRASP_EVIDENCE.c.outcome_id)
+            .order_by(OUTCOME.c.id.desc())
+            .limit(limit)
+        )
         with self._database.read() as connection:
-            return [
-                CountedGrasp(row.at_ns, row.product, row.finger_set, row.outcome, row.reason, row.duration_s)
-                for row in connection.execute(query)
-            ]
+            return [_counted_grasp(row) for row in connection.execute(query)]
 
     def tallies(self) -> dict[tuple[str, str], Tally]:
         """Return counted grasps per (product, finger set)."""
@@ -400,3 +441,22 @@ class CellJournal:
 
     def _audit(self, connection: Connection, action: str, subject: str, detail: Any) -> None:
         self._database.audit(connection, self._now_ns(), "grasp_mix_manager", action, subject, detail)
+
+
+def _counted_grasp(row: Row[Any]) -> CountedGrasp:
+    evidence = None
+    if row.phase:
+        fingers = tuple(
+            FingerEvidence(**{**one, "state": ContactState(one["state"])}) for one in json.loads(row.fingers)
+        )
+        evidence = GraspEvidence(GraspPhase(row.phase), row.decided_ns, fingers)
+    serials = tuple(json.loads(row.serials)) if row.serials else ()
+    return CountedGrasp(
+        row.at_ns, row.product, row.finger_set, row.outcome, row.reason, row.duration_s, serials, evidence
+    )
+
+
+def _new_id(inserted: CursorResult[Any]) -> int:
+    key = inserted.inserted_primary_key
+    assert key is not None
+    return int(key[0])

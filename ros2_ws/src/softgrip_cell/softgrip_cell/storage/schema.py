@@ -8,10 +8,10 @@ from typing import Final
 from sqlalchemy import BigInteger, Boolean, Column, Float, Index, Integer, MetaData, String, Table, Text
 
 #: Grows when a table changes; a database with a greater number is refused.
-SCHEMA_VERSION: Final = 2
+SCHEMA_VERSION: Final = 3
 
 #: Versions that lack nothing but tables, which are added when such a database is opened.
-EXTENSIBLE_VERSIONS: Final = frozenset({1})
+EXTENSIBLE_VERSIONS: Final = frozenset({1, 2})
 
 #: Longest texts of the audit table.
 WHO_LENGTH: Final = 80
@@ -95,6 +95,17 @@ OUTCOME = Table(
     Column("duration_s", Float, nullable=False),
     Column("at_ns", BigInteger, nullable=False),
     Index("softgrip_outcome_by_product", "product", "finger_set"),
+)
+
+#: Which fingers grasped, and by what it was decided; none of a grasp that an older release counted.
+GRASP_EVIDENCE = Table(
+    "softgrip_grasp_evidence",
+    METADATA,
+    Column("outcome_id", Integer, primary_key=True, autoincrement=False),
+    Column("serials", Text, nullable=False),  # list, slot order
+    Column("decided_ns", BigInteger, nullable=False),  # of the sample that decided; 0 when none did
+    Column("phase", String(20), nullable=False),  # in which it was decided; empty when it was not
+    Column("fingers", Text, nullable=False),  # list of what the verdict knew of each, slot order
 )
 
 SWAP = Table(

@@ -16,6 +16,7 @@ import yaml
 
 from softgrip_panel.errors import AccessError
 from softgrip_panel.model.roles import Role
+from softgrip_panel.texts import say
 
 #: RFC 7914; 2^15 blocks of 1 KiB take 32 MiB; a setting that OWASP's password storage cheat sheet names.
 SCRYPT_N: Final = 2**15
@@ -46,7 +47,7 @@ def check_name(name: str) -> str:
     """
     plain = unicodedata.normalize("NFC", name).strip()
     if not 1 <= len(plain) <= MAX_NAME or not plain.isprintable():
-        raise AccessError(f"name: expected 1 .. {MAX_NAME} characters that print, found {len(plain)}")
+        raise AccessError(say("error.name", limit=MAX_NAME, found=len(plain)))
     return plain
 
 
@@ -88,7 +89,7 @@ def add_account(file: Path, name: str, role: Role, password: str) -> None:
     """
     name = check_name(name)
     if not MIN_PASSWORD <= len(password) <= MAX_PASSWORD:
-        raise AccessError(f"password: expected {MIN_PASSWORD} .. {MAX_PASSWORD} characters, found {len(password)}")
+        raise AccessError(say("error.password", low=MIN_PASSWORD, high=MAX_PASSWORD, found=len(password)))
     accounts = _read(file) if file.exists() else {}
     salt = secrets.token_bytes(16)
     accounts[name] = Account(name, role, salt, _digest(password, salt))
@@ -103,7 +104,7 @@ def remove_account(file: Path, name: str) -> None:
     """
     accounts = _read(file)
     if name not in accounts:
-        raise AccessError(f"{file}: expected one of {', '.join(accounts)}, found '{name}'")
+        raise AccessError(say("error.account", file=file, known=", ".join(accounts), found=name))
     del accounts[name]
     _write(file, accounts)
 
@@ -118,11 +119,11 @@ def _read(file: Path) -> dict[str, Account]:
         mode = file.stat().st_mode
         document = yaml.safe_load(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise AccessError(f"users file {file}: expected to read it; {error}. `users` writes one") from error
+        raise AccessError(say("error.users_unreadable", file=file, error=error)) from error
     if mode & 0o077:
-        raise AccessError(f"users file {file}: expected mode 600, found {mode & 0o777:o}; type chmod 600 {file}")
+        raise AccessError(say("error.users_mode", file=file, found=f"{mode & 0o777:o}"))
     if not isinstance(document, dict) or document.get("kind") != _KIND or not isinstance(document.get("users"), dict):
-        raise AccessError(f"users file {file}: expected kind {_KIND} with users, found something else")
+        raise AccessError(say("error.users_kind", file=file, kind=_KIND))
     return {str(name): _account(file, str(name), entry) for name, entry in document["users"].items()}
 
 
@@ -135,9 +136,7 @@ def _account(file: Path, name: str, entry: Any) -> Account:
             bytes.fromhex(entry["scrypt"]),
         )
     except (KeyError, TypeError, ValueError) as error:
-        raise AccessError(
-            f"users file {file}, {name}: expected role (look, operate, engineer), salt and scrypt; {error}"
-        ) from error
+        raise AccessError(say("error.users_entry", file=file, name=name, error=error)) from error
 
 
 def _write(file: Path, accounts: dict[str, Account]) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
 from softgrip_panel.errors import AccessError
+from softgrip_panel.texts import say
 
 _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 
@@ -52,14 +53,14 @@ class OriginRule:
             AccessError: with what was expected.
         """
         if not self._is_known(host):
-            raise AccessError(f"Host: expected a name of this panel, found {host!r}; start it with host_names for more")
+            raise AccessError(say("error.host", found=host))
         if origin is None:
             if needs_origin:
-                raise AccessError("Origin: expected the panel's own, found none")
+                raise AccessError(say("error.no_origin"))
             return
         scheme = "https" if self.is_secure else "http"
         if origin.rstrip("/").lower() != f"{scheme}://{(host or '').lower()}":
-            raise AccessError(f"Origin: expected the panel's own, found {origin!r}")
+            raise AccessError(say("error.origin", found=origin))
 
     def _is_known(self, host: str | None) -> bool:
         try:

@@ -10,6 +10,7 @@ from typing import Final
 
 from softgrip_panel.errors import AccessError
 from softgrip_panel.model.roles import Person, Role
+from softgrip_panel.texts import say
 
 #: A session without any request for so long is over, and so is one that is so old [s].
 IDLE_S: Final = 8 * 3600.0
@@ -97,7 +98,7 @@ class LoginBrake:
         """
         wait_s = max((self._wait_s(key) for key in keys), default=0.0)
         if wait_s > 0.0:
-            raise AccessError(f"too many wrong log-ins: wait {wait_s:.0f} s, then try again")
+            raise AccessError(say("error.brake", wait=wait_s))
 
     def fail(self, *keys: str) -> None:
         """Take a wrong log-in."""

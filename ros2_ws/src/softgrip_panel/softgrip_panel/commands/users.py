@@ -12,6 +12,7 @@ from pathlib import Path
 from softgrip_panel.access.accounts import Accounts, add_account, remove_account
 from softgrip_panel.errors import AccessError
 from softgrip_panel.model.roles import Role
+from softgrip_panel.texts import say
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -44,7 +45,7 @@ def _password() -> str:
         return sys.stdin.readline().rstrip("\n")
     first = getpass.getpass("password: ")
     if first != getpass.getpass("again: "):
-        raise AccessError("password: expected the same twice, found two; nothing was written")
+        raise AccessError(say("error.password_twice"))
     return first
 
 

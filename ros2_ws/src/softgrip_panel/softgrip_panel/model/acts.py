@@ -200,6 +200,19 @@ def activate_friction(model: str, reason: str) -> Act:
     return Act("activate_friction", call, subject=f"{model}: {reason}")
 
 
+def refuse_friction(model: str, who: str, reason: str) -> Act:
+    """Refuse a friction model: it stays as it is, and who refused it and why goes into the audit table."""
+    call = _service(
+        "cell/write_audit",
+        f"{_INTERFACES}/srv/WriteAudit",
+        who=who,
+        action="refuse friction model",
+        subject=model,
+        detail=reason,
+    )
+    return Act("refuse_friction", call, subject=f"{model}: {reason}")
+
+
 def set_rig(angle_rad: float, load_kg: float) -> Act:
     """Emulated cell only: set the wrap angle and hang a weight."""
     call = _service("emulator/set_rig", f"{_INTERFACES}/srv/SetRig", angle=angle_rad, load=load_kg)
@@ -317,6 +330,7 @@ EXAMPLES: tuple[Act, ...] = (
     calibrate("9", "PE braid 0.25 mm", "TPU", 0.000125, 0.003, resume=False),
     confirm_rig(),
     activate_friction("braid-tpu", "fresh cable"),
+    refuse_friction("braid-tpu", "Ada", "the cable was old"),
     set_rig(1.57, 0.5),
     start_recording(),
     stop_recording(),

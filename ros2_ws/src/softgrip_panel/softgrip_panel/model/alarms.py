@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from softgrip_panel.errors import ActRefusedError
+from softgrip_panel.texts import say
 
 #: What lasts so long is confirmed, and what is gone so long is healed [s].
 CONFIRM_S = 0.5
@@ -146,9 +147,9 @@ class AlarmBook:
         """
         alarm = self._alarms.get(key)
         if alarm is None:
-            raise ActRefusedError(f"alarm: expected one that is not over, found none of the key '{key}'")
+            raise ActRefusedError(say("error.alarm_over", key=key))
         if alarm.acknowledged_by:
-            raise ActRefusedError(f"alarm '{alarm.fact.title}': {alarm.acknowledged_by} has acknowledged it before")
+            raise ActRefusedError(say("error.alarm_acknowledged", title=alarm.fact.title, name=alarm.acknowledged_by))
         self._alarms[key] = replace(alarm, acknowledged_by=who)
         self._close_if_over(key)
 

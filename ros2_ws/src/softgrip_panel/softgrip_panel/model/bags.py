@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from softgrip_panel.errors import PanelError
+from softgrip_panel.texts import say
 
 #: Names of folders and files that are offered; nothing else is ever joined to a path.
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,200}")
@@ -75,7 +76,7 @@ class BagFolder:
         """
         known = next((one for one in self.bags() if one.name == bag), None)
         if known is None or self.root is None or name not in dict(known.files):
-            raise PanelError(f"expected a file of a bag in the list, found {bag!r}, {name!r}")
+            raise PanelError(say("error.bag_file", bag=bag, name=name))
         return self.root / bag / name
 
     def report(self, bag: str) -> Path:
@@ -85,7 +86,7 @@ class BagFolder:
             PanelError: there is no such bag.
         """
         if self.root is None or bag not in {one.name for one in self.bags()}:
-            raise PanelError(f"expected a bag of the list, found {bag!r}")
+            raise PanelError(say("error.bag", bag=bag))
         return self.root / f"{bag}-report.html"
 
     def _bag(self, folder: Path) -> BagView:
@@ -142,7 +143,7 @@ class BagJobs:
                 code, out = await _ended(["nice", "-n", "19", "ros2", "run", "softgrip_bag", *words])
             message = _verdict(code, out) if kind == "replay" else ("" if code == 0 else out[-500:])
         except (PanelError, OSError, TimeoutError) as error:
-            message = str(error) or "not done in time"
+            message = str(error) or say("error.job_late")
         self._jobs[bag, kind] = done = replace(job, is_running=False, message=message)
         return done
 
@@ -167,4 +168,4 @@ def _verdict(code: int, out: str) -> str:
     except ValueError:
         return out.strip()[-300:]
     said = ", ".join(f"{key}: {value}" for key, value in figures.items() if isinstance(value, (int, float, str)))
-    return f"{'identical' if code == 0 else 'differs'}: {said}"[:400]
+    return f"{say('bags.identical' if code == 0 else 'bags.differs')}: {said}"[:400]

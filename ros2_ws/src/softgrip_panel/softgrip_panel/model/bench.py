@@ -8,6 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from softgrip_driver.dynamixel.registers import BAUD_CODES
+from softgrip_panel.errors import PanelError
+from softgrip_panel.texts import say
+
 #: The driver's lifecycle, as lifecycle_msgs names its states; "" = not heard yet.
 UNCONFIGURED, INACTIVE, ACTIVE = "unconfigured", "inactive", "active"
 
@@ -67,10 +71,55 @@ def _number(text: str) -> float | None:
 
 @dataclass(frozen=True)
 class TerminalStep:
-    """A step that runs in a terminal; `key` of its text, and its command."""
+    """A step that needs the bus for itself.
+
+    Attributes:
+        key: of its text.
+        words: of its command.
+        is_run_here: a page may run it, too: it moves nothing and asks nothing.
+    """
 
     key: str
-    command: str
+    words: tuple[str, ...]
+    is_run_here: bool = False
+
+    @property
+    def command(self) -> str:
+        """As it is typed at a terminal."""
+        return shlex.join(self.words)
+
+
+#: Steps that a page runs itself.
+RUN_HERE: Final = frozenset({"scan", "ids", "selftest"})
+#: Of `setup`, which writes into one servo.
+MAX_ID: Final = 252
+BAUDS: Final = tuple(sorted(BAUD_CODES))
+
+
+def id_step(bench: BenchView, servo_id: int, baud: int, new_id: int) -> TerminalStep:
+    """Return the command that gives one servo another ID and the bus's own baud rate.
+
+    Args:
+        bench: this cell's.
+        servo_id: that it has now.
+        baud: that it has now [1/s].
+        new_id: that it is to have.
+
+    Raises:
+        PanelError: an ID or a rate that no servo can have.
+    """
+    for value in (servo_id, new_id):
+        if not 0 <= value <= MAX_ID:
+            raise PanelError(say("error.servo_id", limit=MAX_ID, found=value))
+    if baud not in BAUDS:
+        raise PanelError(say("error.baud", known=", ".join(map(str, BAUDS)), found=baud))
+    words = ["--port", bench.port or "/dev/ttyUSB0", "--baud", str(baud), "--id", str(servo_id)]
+    words += ["--new-id", str(new_id), "--new-baud", str(bench.baud or 1_000_000)]
+    return _step("ids", ["setup", *words])
+
+
+def _step(key: str, line: Sequence[str]) -> TerminalStep:
+    return TerminalStep(key, ("ros2", "run", "softgrip_driver", *line), key in RUN_HERE)
 
 
 def terminal_steps(bench: BenchView) -> tuple[TerminalStep, ...]:
@@ -86,9 +135,7 @@ def terminal_steps(bench: BenchView) -> tuple[TerminalStep, ...]:
         "selftest": ["selftest", *bus],
         "calibrate": ["calibrate_tension", *bus, "--id", first, "--weights", "0.2", "0.5", "1"],
     }
-    return tuple(
-        TerminalStep(key, shlex.join(["ros2", "run", "softgrip_driver", *line])) for key, line in words.items()
-    )
+    return tuple(_step(key, line) for key, line in words.items())
 
 
 def bus_causes(bench: BenchView) -> tuple[str, ...]:

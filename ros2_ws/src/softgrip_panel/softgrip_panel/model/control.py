@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from softgrip_panel.errors import ActRefusedError
 from softgrip_panel.model.roles import Person, Role
+from softgrip_panel.texts import say
 
 #: Without an open page for so long its owner counts as lost, and anybody with the role may take control [s].
 LOST_S = 10.0
@@ -67,11 +68,9 @@ class ControlDesk:
             ActRefusedError: somebody has it, or the role does not allow it.
         """
         if person.role < Role.OPERATE:
-            raise ActRefusedError(
-                f"control: expected the role operate or engineer, found {person.role.word}; log in as one who may"
-            )
+            raise ActRefusedError(say("error.control_role", found=person.role.word))
         if self._owner is not None and not self.has(person) and not self._is_lost(self._owner):
-            raise ActRefusedError(f"control: {self._owner.name} has it; ask for it, and wait until it is handed over")
+            raise ActRefusedError(say("error.control_taken", name=self._owner.name))
         self._give_to(person)
 
     def ask(self, person: Person) -> None:
@@ -94,7 +93,7 @@ class ControlDesk:
         self.check(person)
         asked_by = self.view.asked_by
         if asked_by is None:
-            raise ActRefusedError("control: expected somebody to ask for it, found nobody with an open page")
+            raise ActRefusedError(say("error.nobody_asks"))
         self._give_to(asked_by)
         return asked_by
 
@@ -112,9 +111,9 @@ class ControlDesk:
             ActRefusedError: not an engineer, or without a reason.
         """
         if person.role < Role.ENGINEER:
-            raise ActRefusedError(f"taking control by force: expected the role engineer, found {person.role.word}")
+            raise ActRefusedError(say("error.force_role", found=person.role.word))
         if not reason.strip():
-            raise ActRefusedError("taking control by force: expected a reason, found none")
+            raise ActRefusedError(say("error.force_reason"))
         self._give_to(person)
 
     def check(self, person: Person) -> None:
@@ -125,8 +124,7 @@ class ControlDesk:
         """
         if not self.has(person):
             owner = self._owner
-            found = f"{owner.name} has it" if owner else "nobody has it"
-            raise ActRefusedError(f"expected you to have control, found: {found}; press 'Take control' first")
+            raise ActRefusedError(say("error.control_other", name=owner.name) if owner else say("error.control_nobody"))
 
     def forget(self, session: str) -> None:
         """A session has ended: what it had is free."""

@@ -9,10 +9,13 @@ from typing import Final, Protocol
 
 from softgrip_panel.access.record import ActRecord
 from softgrip_panel.errors import ActRefusedError
+from softgrip_panel.model import acts
 from softgrip_panel.model.acts import Act, ActResult
 from softgrip_panel.model.control import ControlDesk
+from softgrip_panel.model.friction import Refusal
 from softgrip_panel.model.roles import Person, Role
 from softgrip_panel.model.state import PanelState
+from softgrip_panel.texts import say
 
 #: What is refused to strangers reaches other records so often at most; this panel's own has all of it.
 MAX_STRANGERS: Final = 10
@@ -59,23 +62,31 @@ class ActDesk:
         except ActRefusedError as error:
             return self._done(person, act.name, act.subject, ActResult(success=False, message=str(error)))
         if not act.is_urgent:
-            self.record_event(person.name, act.name, act.subject, success=True, message="begun")
+            self.record_event(person.name, act.name, act.subject, success=True, message=say("done.begun"))
         return self._done(person, act.name, act.subject, await self._calls.call(act, person.name))
 
     def carry_out(
-        self, person: Person, name: str, subject: str, change: Callable[[], str], *, needs_control: bool
+        self,
+        person: Person,
+        name: str,
+        subject: str,
+        change: Callable[[], str],
+        *,
+        needs_control: bool,
+        role: Role = Role.OPERATE,
     ) -> ActResult:
         """Do what the panel does itself, with the checks, the record and the notice of an act.
 
         Args:
-            person: who wants it; at least one who operates.
+            person: who wants it.
             name: of the act, for texts ("act.NAME") and the record.
             subject: what it is about.
             change: does it and returns what was done; may raise ActRefusedError.
             needs_control: as of an Act.
+            role: at least needed.
         """
         try:
-            self._check(person, Role.OPERATE, needs_control=needs_control)
+            self._check(person, role, needs_control=needs_control)
             message = change()
         except ActRefusedError as error:
             return self._done(person, name, subject, ActResult(success=False, message=str(error)))
@@ -86,7 +97,7 @@ class ActDesk:
 
         def cancel() -> str:
             self._calls.cancel(act_name)
-            return "asked to end"
+            return say("done.asked_to_end")
 
         return self.carry_out(person, f"cancel_{act_name}", "", cancel, needs_control=False)
 
@@ -96,20 +107,22 @@ class ActDesk:
 
         def ask(desk: ControlDesk) -> str:
             desk.ask(person)
-            return "has control" if desk.has(person) else f"asked {owner.name if owner else 'nobody'} for it"
+            return say("done.has_control") if desk.has(person) else say("done.asked", name=owner.name if owner else "-")
 
         return self._change_control(person, "take_control", ask)
 
     def hand_over(self, person: Person) -> ActResult:
         """Give control to whoever asks."""
-        return self._change_control(person, "hand_over", lambda desk: f"{desk.hand_over(person).name} has control")
+        return self._change_control(
+            person, "hand_over", lambda desk: say("done.handed_over", name=desk.hand_over(person).name)
+        )
 
     def give_back(self, person: Person) -> ActResult:
         """Give control up."""
 
         def give(desk: ControlDesk) -> str:
             desk.give_back(person)
-            return "gave control back"
+            return say("done.gave_back")
 
         return self._change_control(person, "give_back", give)
 
@@ -118,7 +131,7 @@ class ActDesk:
 
         def force(desk: ControlDesk) -> str:
             desk.force(person, reason)
-            return f"took control: {reason.strip()}"
+            return say("done.forced", reason=reason.strip())
 
         return self._change_control(person, "force_control", force)
 
@@ -128,9 +141,29 @@ class ActDesk:
         def acknowledge() -> str:
             with self.state.locked():
                 self.state.alarms.acknowledge(key, person.name)
-            return "acknowledged"
+            return say("done.acknowledged")
 
         return self.carry_out(person, "acknowledge", key, acknowledge, needs_control=False)
+
+    async def activate_model(self, person: Person, model: str, reason: str) -> ActResult:
+        """Make a friction model the active one, with a reason; a refusal of before is lifted by it."""
+        if not reason.strip():
+            return self.refuse(person, "activate_friction", say("friction.reason_missing"))
+        result = await self.perform(person, acts.activate_friction(model, reason.strip()))
+        if result.success:
+            with self.state.locked():
+                self.state.refusals.lift(model)
+        return result
+
+    async def refuse_model(self, person: Person, model: str, reason: str) -> ActResult:
+        """Refuse a friction model, with a reason that pages show beside it from then on; nothing else changes."""
+        if not reason.strip():
+            return self.refuse(person, "refuse_friction", say("friction.reason_missing"))
+        result = await self.perform(person, acts.refuse_friction(model, person.name, reason.strip()))
+        if result.success:
+            with self.state.locked():
+                self.state.refusals.add(model, Refusal(person.name, reason.strip(), self.state.now_s()))
+        return result
 
     def refuse(self, person: Person, act: str, message: str) -> ActResult:
         """Write down that something was asked for that cannot be done."""
@@ -152,7 +185,7 @@ class ActDesk:
 
     def _check(self, person: Person, role: Role, *, needs_control: bool) -> None:
         if person.role < role:
-            raise ActRefusedError(f"expected the role {role.word}, found {person.role.word}; log in as one who may")
+            raise ActRefusedError(say("error.role", role=role.word, found=person.role.word))
         if needs_control:
             with self.state.locked():
                 self.state.control.check(person)

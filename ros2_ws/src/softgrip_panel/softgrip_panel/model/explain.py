@@ -16,6 +16,7 @@ from softgrip_model.finger.wear import LEARNING
 from softgrip_panel.model.alarms import AlarmFact, AlarmLevel
 from softgrip_panel.model.facts import CellView, ComponentHealth, ResidualView, SafetyView, StopPolicyView, TendonView
 from softgrip_panel.model.swap import HANDS_OUT, RESTARTED
+from softgrip_panel.texts import say
 
 Line = tuple[str, dict[str, Any]]
 
@@ -35,44 +36,29 @@ class _Warning:
 
     Attributes:
         node, component, text: "" = any; a component and a text begin so.
-        cause, remedy: for the person at the page.
+        key: of its cause and its remedy among the texts ("warnings.KEY.cause"); "" = it has none.
         must_last_s: it has to last so long before it is an alarm [s].
     """
 
     node: str
     component: str
     text: str
-    cause: str
-    remedy: str
+    key: str
     must_last_s: float = 0.0
 
 
 _WARNINGS: Final = (
-    _Warning("", "executor", "callbacks were run",
-             "the cell's computer is busy, or one task of this node takes long",
-             "end other programs on it; where it stays, look at this node's log", must_last_s=5.0),
-    _Warning("", "executor", "a callback failed",
-             "this node was sent something that it could not work with",
-             "read its log; start the node again if it goes on, and report it with the log"),
-    _Warning("", "input ", "gone",
-             "the node that publishes it has ended, hangs or is cut off", "start that node again"),
-    _Warning("", "node ", "gone", "it has ended, hangs or is cut off", "start it again if that was not meant"),
-    _Warning("marker_tracker", "finger ", "",
-             "markers of this finger have been hidden, out of the picture or badly lit for some seconds",
-             "take away what hides them; check light, focus, markers and the profile of the finger"),
-    _Warning("marker_tracker", "frames", "no frame",
-             "the camera sends nothing", "look at the camera's own alarm, its plug and its log", must_last_s=10.0),
-    _Warning("marker_tracker", "calibration", "",
-             "without a calibration no finger is measured", "page Set-up: find the lens, then each finger's plane"),
-    _Warning("gdfe_simulator", "finger ", "",
-             "the computer is too busy for the shapes asked for, or there is none for this pulled length",
-             "nothing decides by this shape; ask for fewer hexahedra or a lower rate_hz, or home the tendons",
-             must_last_s=10.0),
-    _Warning("kinematics_predictor", "finger ", "",
-             "what the markers show and what the model predicts have parted over several closings",
-             "do what it says; page Fingers shows by how much, page Swap mounts another finger"),
-    _Warning("recorder", "bag", "not recording", "no bag is being written", "page Bags: start one"),
-)  # fmt: skip
+    _Warning("", "executor", "callbacks were run", "busy", must_last_s=5.0),
+    _Warning("", "executor", "a callback failed", "callback"),
+    _Warning("", "input ", "gone", "input_gone"),
+    _Warning("", "node ", "gone", "node_gone"),
+    _Warning("marker_tracker", "finger ", "", "markers"),
+    _Warning("marker_tracker", "frames", "no frame", "no_frame", must_last_s=10.0),
+    _Warning("marker_tracker", "calibration", "", "no_calibration"),
+    _Warning("gdfe_simulator", "finger ", "", "shapes", must_last_s=10.0),
+    _Warning("kinematics_predictor", "finger ", "", "wear"),
+    _Warning("recorder", "bag", "not recording", "not_recording"),
+)
 
 
 def explain_health(found: ComponentHealth) -> AlarmFact:
@@ -86,13 +72,12 @@ def explain_health(found: ComponentHealth) -> AlarmFact:
             and component.startswith(row.component)
             and found.message.startswith(row.text)
         ),
-        _Warning("", "", "", "", ""),
+        _Warning("", "", "", ""),
     )
+    cause, remedy = (say(f"warnings.{known.key}.{one}") if known.key else "" for one in ("cause", "remedy"))
     if found.level == _ERROR:
-        return AlarmFact(found.name, found.message, AlarmLevel.ERROR, known.cause, known.remedy)
-    return AlarmFact(
-        found.name, found.message, AlarmLevel.WARNING, known.cause, known.remedy, must_last_s=known.must_last_s
-    )
+        return AlarmFact(found.name, found.message, AlarmLevel.ERROR, cause, remedy)
+    return AlarmFact(found.name, found.message, AlarmLevel.WARNING, cause, remedy, must_last_s=known.must_last_s)
 
 
 def explain_residual(residual: ResidualView, cell: CellView | None) -> tuple[str, bool]:
@@ -117,15 +102,15 @@ def explain_lock(safety: SafetyView, cell: CellView | None) -> tuple[str, AlarmF
         safety: with a lock.
         cell: that may be swapping; after a swap that ended in its midst the mode stays, and the reason tells.
     """
-    title = f"drives locked by {safety.lock_owner}"
+    title = say("alarm.locked", owner=safety.lock_owner)
     if safety.lock_owner.partition(":")[0] != MANAGER:
-        remedy = "who locked them ends it (tendon/unlock with the token that tendon/lock gave); go and ask first"
+        remedy = say("alarm.locked_remedy")
         return "lock", AlarmFact("safety/state", title, AlarmLevel.WARNING, safety.lock_reason, remedy)
     if cell is not None and cell.mode == "SWAPPING" and HANDS_OUT not in cell.reason and RESTARTED not in cell.reason:
         return "lock/swap", AlarmFact(
             "safety/state", title, AlarmLevel.WARNING, safety.lock_reason, must_last_s=math.inf
         )
-    remedy = "a swap has ended in its midst: take the hands out of the cell, then say so on page Swap"
+    remedy = say("alarm.hands_inside_remedy")
     return "lock", AlarmFact(
         "safety/state", title, AlarmLevel.WARNING, safety.lock_reason, remedy, must_last_s=LOCK_LASTS_S
     )

@@ -39,6 +39,11 @@ class CellView:
     reason: str = ""
 
     @property
+    def counts(self) -> tuple[int, ...]:
+        """How many grasps ended in each way."""
+        return self.gripped, self.empty, self.slipped, self.tendon_faults, self.aborted
+
+    @property
     def quality(self) -> float:
         """Share of the picks that ended GRIPPED; NaN before the first."""
         return self.gripped / self.picks if self.picks else math.nan
@@ -140,8 +145,25 @@ class FingerRecordView:
 
 
 @dataclass(frozen=True)
+class FingerDecision:
+    """What the verdict of a grasp knew of one finger."""
+
+    finger: str
+    state: str
+    contact_tension_n: float
+    threshold_n: float
+
+
+@dataclass(frozen=True)
 class CountedView:
-    """One grasp of the cell's database; `at_s` of its end, in seconds since the Unix epoch."""
+    """One grasp of the cell's database, whoever ordered it.
+
+    Attributes:
+        at_s: of its end, by the cell's clock, in seconds since the Unix epoch.
+        serials: of the fingers that grasped, slot order; empty = not written down.
+        decided_stamp_s: of the tendon/state that decided, by the cell's clock [s]; NaN = none did.
+        fingers: what the verdict knew of each.
+    """
 
     at_s: float
     product: str
@@ -149,6 +171,14 @@ class CountedView:
     outcome: str
     reason: str
     duration_s: float
+    serials: tuple[str, ...] = ()
+    decided_stamp_s: float = math.nan
+    fingers: tuple[FingerDecision, ...] = ()
+
+    @property
+    def key(self) -> tuple[float, str]:
+        """The same in every listing; a NaN among the figures is none."""
+        return self.at_s, self.product
 
 
 @dataclass(frozen=True)

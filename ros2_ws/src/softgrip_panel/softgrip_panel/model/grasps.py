@@ -8,12 +8,14 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
-from softgrip_panel.model.facts import CellView, TensionView
+from softgrip_panel.model.facts import CellView, CountedView, FingerDecision, TensionView
 
 #: So many grasps are kept with their curves, and so many with their pictures, a hundred kilobytes each.
 MAX_GRASPS, MAX_PICTURED = 200, 50
 #: The picture after a verdict is the last one within this time; the next grasp may begin before [s].
 AFTER_S = 1.0
+#: A grasp is counted so long after its last sample at most [s].
+COUNTED_WITHIN_S = 10.0
 #: A curve holds so many samples; the panel takes ten a second.
 MAX_SAMPLES = 600
 
@@ -33,22 +35,13 @@ class GraspSample:
     stamp_s: float = math.nan
 
 
-@dataclass(frozen=True)
-class FingerDecision:
-    """What the verdict knew of one finger."""
-
-    finger: str
-    state: str
-    contact_tension_n: float
-    threshold_n: float
-
-
 @dataclass
 class GraspRecord:
     """One grasp; times in seconds since the Unix epoch, but for `decided_s`.
 
     Attributes:
         decided_s: since the grasp began, of the tendon/state that decided [s]; None = none did, or it is not known.
+        counted: the same grasp in the cell's database; None = not found there yet.
     """
 
     number: int
@@ -66,6 +59,7 @@ class GraspRecord:
     fingers: tuple[FingerDecision, ...] = ()
     pictures: dict[str, bytes] = field(default_factory=dict)
     ended_s: float | None = None
+    counted: CountedView | None = None
 
 
 class GraspHistory:
@@ -167,6 +161,37 @@ class GraspHistory:
         record.decided_s = place_of(record.samples, decided_stamp_s)
         self.version += 1
 
+    def observe_counted(self, counted: Sequence[CountedView]) -> None:
+        """Take the grasps of the cell's database: they say of others' grasps, too, which sample decided.
+
+        Args:
+            counted: newest first.
+        """
+        taken = {record.counted.key for record in self._records if record.counted is not None}
+        for record in reversed(self._records):
+            if record.ended_s is None or record.counted is not None:
+                continue
+            found = min(
+                (one for one in counted if one.key not in taken and _is_near(record, one)),
+                key=lambda one: abs(one.at_s - record.samples[-1].stamp_s),
+                default=None,
+            )
+            if found is not None:
+                taken.add(found.key)
+                self._complete(record, found)
+
+    def _complete(self, record: GraspRecord, counted: CountedView) -> None:
+        """Fill in what only the database says of a grasp that another client ordered."""
+        record.counted = counted
+        self.version += 1
+        record.outcome = record.outcome or counted.outcome
+        record.reason = record.reason or counted.reason
+        if not any(record.serials):
+            record.serials = counted.serials
+        if not record.fingers:
+            record.fingers = counted.fingers
+            record.decided_s = place_of(record.samples, counted.decided_stamp_s)
+
     def _begin(self, cell: CellView) -> None:
         self._numbers += 1
         self.version += 1
@@ -192,6 +217,13 @@ class GraspHistory:
         self.version += 1
         record.duration_s = record.duration_s or record.ended_s - record.started_s
         record.outcome = record.outcome or _counted_outcome(self._counts, cell)
+
+
+def _is_near(record: GraspRecord, counted: CountedView) -> bool:
+    """Whether a counted grasp can be this one: its product and its end, both by the cell's clock."""
+    if record.product != counted.product or record.outcome not in {"", counted.outcome} or not record.samples:
+        return False
+    return abs(counted.at_s - record.samples[-1].stamp_s) <= COUNTED_WITHIN_S
 
 
 def place_of(samples: Sequence[GraspSample], stamp_s: float) -> float | None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from softgrip_panel.errors import PanelError
+from softgrip_panel.texts import say
 from softgrip_vision.calibrating import MAX_VIEWS, Board, BoardView, LensFit, calibrate_lens, covered_cells, is_new_view
 from softgrip_vision.encoded_image import decode
 from softgrip_vision.errors import FrameError, VisionError
@@ -54,23 +55,18 @@ class LensViews:
             PanelError: no board in it, nothing new in it, another size, or enough of them.
         """
         if len(self.views) >= MAX_VIEWS:
-            raise PanelError(
-                f"expected at most {MAX_VIEWS} views, found {len(self.views)}; find the lens, or start again"
-            )
+            raise PanelError(say("error.views_full", limit=MAX_VIEWS, found=len(self.views)))
         try:
             image = decode(jpeg)
         except FrameError as error:
-            raise PanelError(f"expected a picture of the camera, found none that can be read: {error}") from error
+            raise PanelError(say("error.picture", error=error)) from error
         view = self.board.find(image, f"view {len(self.views) + 1}")
         if view is None:
-            raise PanelError(
-                f"expected the board of {self.board.columns} x {self.board.rows} squares in the picture, found none; "
-                "light it, hold it still, nearer"
-            )
+            raise PanelError(say("error.board", columns=self.board.columns, rows=self.board.rows))
         if self.views and view.size != self.views[0].size:
-            raise PanelError(f"expected pictures of {self.views[0].size}, found {view.size}; start again")
+            raise PanelError(say("error.picture_size", expected=self.views[0].size, found=view.size))
         if not is_new_view(view, self.views):
-            raise PanelError("expected the board in another place, found it where it was; move or tilt it")
+            raise PanelError(say("error.board_same_place"))
         self._keep(jpeg, len(self.views) + 1)
         self.views, self.fit, self.problem = (*self.views, view), None, ""
         return view
@@ -107,4 +103,4 @@ class LensViews:
             self.folder.mkdir(mode=_FOLDER_MODE, parents=True, exist_ok=True)
             (self.folder / f"view_{number:02d}.jpg").write_bytes(jpeg)
         except OSError as error:
-            raise PanelError(f"expected to keep the picture in {self.folder}, found {error}") from error
+            raise PanelError(say("error.view_not_kept", folder=self.folder, error=error)) from error

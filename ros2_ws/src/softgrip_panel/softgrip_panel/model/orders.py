@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from softgrip_panel.errors import PanelError
+from softgrip_panel.texts import say
 
 #: A longer text is no order list.
 MAX_BYTES: Final = 64 * 1024
@@ -33,13 +34,13 @@ def read_orders(text: str) -> list[OrderLine]:
         PanelError: with the number of the line that cannot be read.
     """
     if len(text.encode("utf-8", "replace")) > MAX_BYTES:
-        raise PanelError(f"order list: expected at most {MAX_BYTES // 1024} KiB, found more; part it")
+        raise PanelError(say("error.orders_large", limit=MAX_BYTES // 1024))
     lines = text.splitlines()
     if len(lines) > MAX_LINES:
-        raise PanelError(f"order list: expected at most {MAX_LINES} lines, found {len(lines)}; part it")
+        raise PanelError(say("error.orders_long", limit=MAX_LINES, found=len(lines)))
     orders = [_order(number, line) for number, line in enumerate(lines, 1) if line.strip() and not _is_header(line)]
     if not orders:
-        raise PanelError("order list: expected lines such as 'egg, 2', found none")
+        raise PanelError(say("error.orders_none"))
     return orders
 
 
@@ -50,9 +51,9 @@ def _is_header(line: str) -> bool:
 def _order(number: int, line: str) -> OrderLine:
     words = [word.strip('"') for word in re.split(r"[\s,;=]+", line.strip()) if word.strip('"')]
     if not 1 <= len(words) <= 2 or not _NAME.fullmatch(words[0]):
-        raise PanelError(f"order list, line {number}: expected a product and a number, found {line[:60]!r}")
+        raise PanelError(say("error.order", number=number, found=line[:60]))
     if len(words) == 1:
         return OrderLine(words[0], 1)
     if not words[1].isascii() or not words[1].isdigit() or not 1 <= int(words[1]) <= MAX_QUANTITY:
-        raise PanelError(f"order list, line {number}: expected a number 1 .. {MAX_QUANTITY}, found {words[1][:20]!r}")
+        raise PanelError(say("error.order_number", number=number, limit=MAX_QUANTITY, found=words[1][:20]))
     return OrderLine(words[0], int(words[1]))

@@ -12,6 +12,7 @@ from typing import Any, Final, Protocol
 import yaml
 
 from softgrip_panel.errors import PanelError
+from softgrip_panel.texts import say
 
 #: What is typed is no longer.
 MAX_CHARS: Final = 2000
@@ -81,16 +82,18 @@ class ParameterView:
             PanelError: it is of another type, or out of bounds; the node checks it again.
         """
         if len(text) > MAX_CHARS:
-            raise PanelError(f"{self.name}: expected at most {MAX_CHARS} characters, found {len(text)}")
+            raise PanelError(say("error.parameter_long", name=self.name, limit=MAX_CHARS, found=len(text)))
         if self.kind is ParameterKind.STRING:
             return text
         try:
             typed = yaml.safe_load(text)
         except (yaml.YAMLError, ValueError) as error:
-            raise PanelError(f"{self.name}: expected {self._expected()}, found {text[:60]!r}") from error
+            raise PanelError(
+                say("error.parameter", name=self.name, expected=self._expected(), found=text[:60])
+            ) from error
         if self.kind >= ParameterKind.BOOLS:
             if not isinstance(typed, list) or not typed:
-                raise PanelError(f"{self.name}: expected a list such as {self.text}, found {text[:60]!r}")
+                raise PanelError(say("error.parameter_list", name=self.name, such=self.text, found=text[:60]))
             return [self._element(one) for one in typed]
         return self._element(typed)
 
@@ -100,10 +103,10 @@ class ParameterView:
             typed = float(typed)
         types: dict[int, Any] = {1: bool, 2: int, 3: float, 4: str}
         if type(typed) is not types.get(int(kind)):
-            raise PanelError(f"{self.name}: expected {self._expected()}, found {str(typed)[:60]!r}")
+            raise PanelError(say("error.parameter", name=self.name, expected=self._expected(), found=str(typed)[:60]))
         is_number = kind in {ParameterKind.INTEGER, ParameterKind.DOUBLE}
         if is_number and not self.minimum <= typed <= self.maximum:
-            raise PanelError(f"{self.name}: expected {self.bounds}, found {typed}")
+            raise PanelError(say("error.parameter_bounds", name=self.name, bounds=self.bounds, found=typed))
         return typed
 
     def _expected(self) -> str:

@@ -15,7 +15,12 @@ from softgrip_panel.model.grasps import GraspRecord
 
 @dataclass(frozen=True)
 class GraspRow:
-    """One grasp in the list; `number` names what the panel saw of it, None where it saw nothing."""
+    """One grasp in the list.
+
+    Attributes:
+        number: of what the panel saw of it; None where it saw nothing.
+        counted: what the database knows of it; None where the panel saw it itself.
+    """
 
     number: int | None
     at_s: float
@@ -25,6 +30,7 @@ class GraspRow:
     outcome: str
     reason: str
     duration_s: float
+    counted: CountedView | None = None
 
 
 @dataclass(frozen=True)
@@ -53,21 +59,24 @@ def grasp_rows(seen: Sequence[GraspRecord], counted: Sequence[CountedView]) -> l
         seen: newest first.
         counted: newest first.
     """
+    known = {record.counted.key for record in seen if record.counted is not None}
+    left = [one for one in counted if one.key not in known]
     rows = [
         GraspRow(
             one.number, one.started_s, one.product, one.finger_set, one.serials, one.outcome, one.reason, one.duration_s
         )
         for one in seen
     ]
-    left = list(counted)
-    for row in rows:
+    for row, record in zip(rows, seen, strict=True):
+        if record.counted is not None:
+            continue
         match = next(
             (k for k, one in enumerate(left) if (one.product, one.outcome) == (row.product, row.outcome)), None
         )
         if match is not None:
             del left[match]
     rows += [
-        GraspRow(None, one.at_s, one.product, one.finger_set, (), one.outcome, one.reason, one.duration_s)
+        GraspRow(None, one.at_s, one.product, one.finger_set, one.serials, one.outcome, one.reason, one.duration_s, one)
         for one in left
     ]
     return rows

@@ -29,10 +29,12 @@ from softgrip_panel.model.facts import (
     TendonView,
     TensionView,
 )
-from softgrip_panel.model.friction import FrictionModelView, RigProgress
+from softgrip_panel.model.friction import FrictionModelView, FrictionRefusals, RigProgress
 from softgrip_panel.model.grasps import GraspHistory
+from softgrip_panel.model.residuals import ResidualHistory, WatchLimits
 from softgrip_panel.model.swap import SwapFollower
 from softgrip_panel.model.weights import WeightCheck
+from softgrip_panel.texts import say
 
 #: Without tendon/status for so long the driver is called silent [s].
 SILENCE_S = 2.0
@@ -66,7 +68,7 @@ class PanelState:
     """
 
     def __init__(self, now_s: Callable[[], float], monotonic_s: Callable[[], float]) -> None:
-        self._now_s = now_s
+        self.now_s = now_s
         self.monotonic_s = monotonic_s
         self._lock = threading.RLock()
         self.control = ControlDesk(monotonic_s)
@@ -88,7 +90,10 @@ class PanelState:
         self.rig = RigProgress()
         self.friction_models: tuple[FrictionModelView, ...] = ()
         self.friction_active = ""
+        self.refusals = FrictionRefusals()
         self.residuals: dict[str, ResidualView] = {}
+        self.residual_history = ResidualHistory()
+        self.watch_limits = WatchLimits()
         self.bench = BenchView()
         self.weights = WeightCheck()
         self.nodes: tuple[str, ...] = ()
@@ -173,6 +178,18 @@ class PanelState:
             self.tensions = tuple(tensions)
             self.grasps.observe_tensions(self.tensions, stamp_s)
 
+    def observe_counted(self, counted: Sequence[CountedView]) -> None:
+        """Take the grasps of the cell's database, newest first."""
+        with self._lock:
+            self.counted = tuple(counted)
+            self.grasps.observe_counted(self.counted)
+
+    def observe_residual(self, residual: ResidualView) -> None:
+        """Take finger/residual of one finger."""
+        with self._lock:
+            self.residuals[residual.finger] = residual
+            self.residual_history.observe(residual, self.monotonic_s())
+
     def advance(self) -> None:
         """Let time pass: what falls silent is an alarm, and alarms live on."""
         with self._lock:
@@ -180,9 +197,9 @@ class PanelState:
             if silent_s > SILENCE_S:
                 fact = AlarmFact(
                     "tendon/status",
-                    "the driver is silent",
-                    cause=f"expected tendon/status ten times a second, found none for {SILENCE_S:g} s",
-                    remedy="start tendon_driver, or look at its log; what this page shows of the tendons is old",
+                    say("alarm.silent"),
+                    cause=say("alarm.silent_cause", silence=SILENCE_S),
+                    remedy=say("alarm.silent_remedy"),
                 )
                 self.alarms.observe("silence", {"silence": fact})
             self.alarms.advance()
@@ -201,7 +218,7 @@ class PanelState:
         """Let every page see what somebody did."""
         with self._lock:
             self._numbers += 1
-            self.notices.append(Notice(self._numbers, self._now_s(), who, act, subject, success, message))
+            self.notices.append(Notice(self._numbers, self.now_s(), who, act, subject, success, message))
 
 
 def _is_alarm(tendon: TendonView) -> bool:

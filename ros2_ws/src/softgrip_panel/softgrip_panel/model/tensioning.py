@@ -17,6 +17,7 @@ from softgrip_panel.model.acts import Act
 from softgrip_panel.model.bench import BenchView
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.roles import Person
+from softgrip_panel.texts import say
 
 PLAN: Final = TensioningPlan()
 #: A zero that moves less between two rounds has settled [mm].
@@ -98,14 +99,14 @@ class Tensioning:
         needed, deadline_s = self._bench().reports + 2, ZEROS_WAIT_S
         while self._bench().reports < needed:
             if deadline_s <= 0.0:
-                return f"expected the driver's /diagnostics within {ZEROS_WAIT_S:g} s, found none", {}
+                return say("error.no_diagnostics", wait=ZEROS_WAIT_S), {}
             deadline_s -= _POLL_S
             await asyncio.sleep(_POLL_S)
         return "", self._bench().zeros_mm
 
     async def _do(self, person: Person, act: Act) -> str:
         if self._desk.state.control.view.is_lost:
-            return "expected you to watch, found no open page of yours; nothing more is pulled"
+            return say("error.not_watched")
         self.step = act.name
         result = await self._desk.perform(person, act)
         return "" if result.success else result.message

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from softgrip_panel.errors import PanelError
+from softgrip_panel.texts import say
 
 #: [m/s^2], ISO 80000-3
 GRAVITY_M_S2: Final = 9.80665
@@ -56,16 +57,13 @@ class WeightCheck:
             PanelError: a mass out of range, too few readings, or a weight that swings.
         """
         if not MIN_KG <= mass_kg <= MAX_KG:
-            raise PanelError(f"weight: expected {MIN_KG:g} .. {MAX_KG:g} kg, found {mass_kg:g}")
+            raise PanelError(say("error.weight", low=MIN_KG, high=MAX_KG, found=mass_kg))
         known = [one for one in readings_n if math.isfinite(one)]
         if len(known) < MIN_READINGS:
-            raise PanelError(f"tendon {tendon}: expected readings of its tension, found {len(known)}; is it powered?")
+            raise PanelError(say("error.no_readings", tendon=tendon, found=len(known)))
         spread_n = statistics.stdev(known)
         if spread_n > MAX_SPREAD * mass_kg * GRAVITY_M_S2:
-            raise PanelError(
-                f"tendon {tendon}: expected a weight at rest, found readings that vary by {spread_n:.2f} N; "
-                "wait until it hangs still"
-            )
+            raise PanelError(say("error.weight_swings", tendon=tendon, spread=spread_n))
         point = WeightPoint(tendon, mass_kg, statistics.fmean(known), spread_n)
         self.points = (*self.points, point)[-MAX_POINTS:]
         return point

@@ -18,6 +18,7 @@ from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.orders import OrderLine
 from softgrip_panel.model.roles import Person
 from softgrip_panel.model.work_file import LEFT_OUT, MAX_ITEMS, VERDICTS, KeptWork, WorkFile, WorkItem, WorkPhase
+from softgrip_panel.texts import say
 
 #: Between looks whether the run goes on [s].
 _POLL_S: Final = 0.1
@@ -247,12 +248,12 @@ class Worker:
 
         def begin() -> str:
             if self.run.phase not in (WorkPhase.PLANNED, WorkPhase.PAUSED):
-                raise ActRefusedError(f"expected a run that is planned or paused, found one that is {self.run.phase}")
+                raise ActRefusedError(say("error.run_not_ready", phase=self.run.phase))
             if self._task is not None and not self._task.done():
-                raise ActRefusedError("expected the last product to be done with, found it under way; wait for it")
+                raise ActRefusedError(say("error.product_under_way"))
             self.run.go_to(WorkPhase.RUNNING)
             self._task = asyncio.get_running_loop().create_task(self._work(person, options))
-            return f"runs; {sum(not item.outcome for item in self.run.items)} products to come"
+            return say("done.runs", count=sum(not item.outcome for item in self.run.items))
 
         return self._desk.carry_out(person, "start_run", "", begin, needs_control=True)
 
@@ -261,9 +262,9 @@ class Worker:
 
         def pause() -> str:
             if self.run.phase is not WorkPhase.RUNNING:
-                raise ActRefusedError(f"expected a run that goes on, found one that is {self.run.phase}")
+                raise ActRefusedError(say("error.run_not_going_on", phase=self.run.phase))
             self.run.go_to(WorkPhase.PAUSED)
-            return "begins nothing new"
+            return say("done.paused")
 
         return self._desk.carry_out(person, "pause_run", "", pause, needs_control=False)
 
@@ -274,14 +275,16 @@ class Worker:
 
         def leave() -> str:
             if self.run.phase is not WorkPhase.PAUSED or number is None:
-                raise ActRefusedError(f"expected a run that is paused, found one that is {self.run.phase}")
+                raise ActRefusedError(say("error.run_not_paused", phase=self.run.phase))
             if self._task is not None and not self._task.done():
-                raise ActRefusedError("expected the last product to be done with, found it under way; wait for it")
+                raise ActRefusedError(say("error.product_under_way"))
             why = self.run.message
-            self.run.finish(number, LEFT_OUT, f"left out by {person.name}{': ' if why else ''}{why}", 0.0)
+            self.run.finish(
+                number, LEFT_OUT, f"{say('done.left_out_by', name=person.name)}{': ' if why else ''}{why}", 0.0
+            )
             ended = self.run.next_number is None
             self.run.go_to(WorkPhase.ENDED if ended else WorkPhase.PAUSED)
-            return f"item {number + 1} of {len(self.run.items)} is left out"
+            return say("done.left_out", number=number + 1, count=len(self.run.items))
 
         return self._desk.carry_out(person, "leave_out", product, leave, needs_control=True)
 

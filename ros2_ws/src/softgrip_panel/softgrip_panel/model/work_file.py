@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from softgrip_model.durable import write_durably
 from softgrip_panel.errors import PanelError
+from softgrip_panel.texts import say
 
 #: An order list holds at most so many grasps.
 MAX_ITEMS: Final = 5000
@@ -99,7 +100,7 @@ class WorkFile:
         try:
             write_durably(self._path, json.dumps(document).encode(), 0o600)
         except OSError as error:
-            raise PanelError(f"order list: expected to write {self._path}, found {error}") from error
+            raise PanelError(say("error.work_not_written", path=self._path, error=error)) from error
 
     def read(self) -> KeptWork | None:
         """Return the run that an earlier panel left, None where it left none.
@@ -113,8 +114,7 @@ class WorkFile:
             return None
         except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
             raise PanelError(
-                f"{self._path}: expected the order list of an earlier panel, found {type(error).__name__}: {error}; "
-                "plan the list again"
+                say("error.work_spoiled", path=self._path, error=f"{type(error).__name__}: {error}")
             ) from error
 
 

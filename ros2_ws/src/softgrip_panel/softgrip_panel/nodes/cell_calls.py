@@ -14,11 +14,14 @@ from rclpy.node import Node
 
 from softgrip_panel.model.acts import Act, ActResult, CallKind
 from softgrip_panel.nodes.convert import answer_of, request_message, ros_type
+from softgrip_panel.texts import say
 
 #: Called with the name of an act, what came, and who ordered it.
 Hook = Callable[[str, Any, str], Any]
 #: [s] A server that is not there after so long is named as missing.
 SERVER_WAIT_S: Final = 2.0
+#: [s] An action server that has not taken a goal after so long is said to be silent.
+GOAL_WAIT_S: Final = 10.0
 #: Actions that run one goal at a time, whoever asked for it; tendon/move is also others'.
 SOLE_ACTIONS: Final = frozenset({"cell/grasp", "cell/swap", "rig/calibrate"})
 #: [s] after which a stop without an answer is asked for again
@@ -83,7 +86,7 @@ class RosCalls:
         client, kind = self._client(act)
         is_ready = client.service_is_ready if act.call.kind is CallKind.SERVICE else client.server_is_ready
         if not await wait_until(is_ready, SERVER_WAIT_S):
-            return False, f"expected {act.call.name} within {SERVER_WAIT_S:g} s, found none; is the cell up?", None
+            return False, say("error.no_cell", name=act.call.name, wait=SERVER_WAIT_S), None
         if act.call.kind is CallKind.SERVICE:
             return await self._call_service(act, client, request_message(kind.Request, act.call.request))
         return await self._run_action(act, client, request_message(kind.Goal, act.call.request), who)
@@ -91,28 +94,28 @@ class RosCalls:
     async def _call_service(self, act: Act, client: Any, request: Any) -> tuple[bool, str, Any]:
         answered = await ask(client, request, act.timeout_s, REPEAT_S if act.is_urgent else act.timeout_s)
         if answered is None:
-            return False, f"expected an answer of {act.call.name} within {act.timeout_s:g} s, found none", None
+            return False, say("error.no_answer", name=act.call.name, wait=act.timeout_s), None
         response = answered.result()
         success, message = answer_of(response)
-        return success, message or ("" if success else f"{act.call.name} refused; its log says why"), response
+        return success, message or ("" if success else say("error.refused", name=act.call.name)), response
 
     async def _run_action(self, act: Act, client: Any, goal: Any, who: str) -> tuple[bool, str, Any]:
         def on_feedback(message: Any) -> None:
             self._on_feedback(act.name, message.feedback, who)
 
         sent = client.send_goal_async(goal, feedback_callback=on_feedback)
-        if not await wait_for_answer(sent, 10.0):
-            return False, f"expected {act.call.name} to take the goal within 10 s, found no answer", None
+        if not await wait_for_answer(sent, GOAL_WAIT_S):
+            return False, say("error.goal_not_taken", name=act.call.name, wait=GOAL_WAIT_S), None
         handle = sent.result()
         if not handle.accepted:
-            return False, f"{act.call.name} rejected the goal; its log says why", None
+            return False, say("error.goal_rejected", name=act.call.name), None
         self._goals[act.name] = handle
         self._on_accepted(act.name, goal, bytes(bytearray(handle.goal_id.uuid)), who)
         try:
             result = handle.get_result_async()
             if not await wait_for_answer(result, act.timeout_s):
                 handle.cancel_goal_async()
-                return False, f"expected the end of {act.call.name} within {act.timeout_s:g} s; it was cancelled", None
+                return False, say("error.goal_late", name=act.call.name, wait=act.timeout_s), None
             answer = result.result()
         finally:
             self._goals.pop(act.name, None)

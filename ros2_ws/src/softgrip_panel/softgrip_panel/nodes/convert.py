@@ -20,6 +20,7 @@ from softgrip_interfaces.msg import (
     FingerStates,
     FrictionModel,
     FrictionSample,
+    GraspEvidence,
     MountedFinger,
     PredictedShape,
     PredictionResidual,
@@ -29,11 +30,14 @@ from softgrip_interfaces.msg import (
     TendonStatusArray,
 )
 from softgrip_interfaces.srv import ConfirmStep, ListFingers, ListFrictionModels, ListGrasps, ListProducts
+from softgrip_model.friction.acceptance import accept
+from softgrip_model.friction.errors import LawError
 from softgrip_nodekit import seconds
 from softgrip_panel.model.facts import (
     CellView,
     ComponentHealth,
     CountedView,
+    FingerDecision,
     FingerRecordView,
     FingerView,
     MountedView,
@@ -45,13 +49,13 @@ from softgrip_panel.model.facts import (
     TensionView,
 )
 from softgrip_panel.model.friction import MAX_POINTS, FrictionModelView, RigPoint, RigProgress, intervals
-from softgrip_panel.model.grasps import FingerDecision
 from softgrip_panel.model.parameters import ParameterKind, ParameterView
 from softgrip_panel.model.shapes import MAX_NODES, PanelShape
 from softgrip_panel.model.swap import SwapPhase, SwapView
 
 #: Bounds of a parameter beyond this are none: the largest double, or whole number, stands for them.
 NO_BOUND = 9.2e18
+DAY_S = 86400.0
 
 
 def _names(kind: Any, *names: str) -> dict[int, str]:
@@ -168,17 +172,17 @@ def health_views(message: DiagnosticArray) -> list[ComponentHealth]:
     ]
 
 
-def grasp_decision(result: Grasp.Result) -> tuple[FingerDecision, ...]:
+def grasp_decision(decision: GraspEvidence) -> tuple[FingerDecision, ...]:
     """Return what the verdict of a grasp knew of each finger."""
     return tuple(
         FingerDecision(one.finger, CONTACT_STATES.get(one.state, "?"), float(one.contact_tension), float(one.threshold))
-        for one in result.decision.fingers
+        for one in decision.fingers
     )
 
 
-def decided_stamp_s(result: Grasp.Result) -> float:
+def decided_stamp_s(decision: GraspEvidence) -> float:
     """Return the stamp of the tendon/state that decided [s]; NaN when none did."""
-    return seconds(result.decision.stamp) or math.nan
+    return seconds(decision.stamp) or math.nan
 
 
 def finger_views(message: FingerStates) -> tuple[FingerView, ...]:
@@ -286,22 +290,38 @@ def swap_progress(message: messages.SwapProgress, ahead_s: float) -> SwapView:
 def friction_model_views(response: ListFrictionModels.Response) -> tuple[FrictionModelView, ...]:
     """Return the models of ListFrictionModels."""
     return tuple(
-        FrictionModelView(
-            one.id,
-            one.law,
-            intervals(one.coefficient_names, [float(c) for c in one.coefficients], [float(c) for c in one.covariance]),
-            float(one.average_error),
-            float(one.maximum_error),
-            int(one.points),
-            float(age),
-            MODEL_VERDICTS.get(one.verdict, "?"),
-            one.reason,
-            one.id == response.active,
-            one.cable,
-            one.surface,
-        )
+        _friction_model_view(one, float(age), one.id == response.active)
         for one, age in zip(response.models, response.ages, strict=False)
     )
+
+
+def _friction_model_view(message: FrictionModel, age_s: float, is_active: bool) -> FrictionModelView:
+    freedom = int(message.degrees_of_freedom)
+    try:
+        accepted = accept(message)
+    except LawError:
+        accepted = None
+    covariance = accepted.covariance if accepted else None
+    return FrictionModelView(
+        message.id,
+        message.law,
+        intervals(
+            message.coefficient_names, list(map(float, message.coefficients)), list(map(float, message.covariance)),
+            freedom,
+        ),
+        float(message.average_error),
+        float(message.maximum_error),
+        int(message.points),
+        DAY_S * (age_s // DAY_S),  # shown in days: a list that is another one each time is drawn again each time
+        MODEL_VERDICTS.get(message.verdict, "?"),
+        message.reason,
+        is_active,
+        message.cable,
+        message.surface,
+        accepted.law if accepted else None,
+        () if covariance is None else tuple(float(one) for one in covariance.ravel()),
+        freedom,
+    )  # fmt: skip
 
 
 def product_views(response: ListProducts.Response) -> tuple[ProductView, ...]:
@@ -351,6 +371,9 @@ def counted_views(response: ListGrasps.Response) -> tuple[CountedView, ...]:
             one.outcome,
             one.reason,
             float(one.duration),
+            tuple(one.serials),
+            decided_stamp_s(one.decision),
+            grasp_decision(one.decision),
         )
         for one in response.grasps
     )

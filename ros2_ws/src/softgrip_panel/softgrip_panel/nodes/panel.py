@@ -55,13 +55,14 @@ from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import StopPolicyView
 from softgrip_panel.model.frames import PanelPicture
 from softgrip_panel.model.overlay import ChainOverlay
+from softgrip_panel.model.residuals import WatchLimits
 from softgrip_panel.model.shapes import FaceOwners
 from softgrip_panel.model.state import PanelState
 from softgrip_panel.model.work import Worker, WorkRun
 from softgrip_panel.nodes import convert
 from softgrip_panel.nodes.cell_calls import RosCalls
 from softgrip_panel.nodes.parameter_reader import RosParameters
-from softgrip_panel.texts import Texts
+from softgrip_panel.texts import Texts, speak
 from softgrip_time.units import to_s
 
 if TYPE_CHECKING:
@@ -71,6 +72,8 @@ if TYPE_CHECKING:
 SAMPLE_S, LOOK_S = 0.1, 1.0
 #: What the panel asks the driver about itself, in the order of `_on_driver`.
 DRIVER_PARAMETERS = ("estop_policy", "tension_hold_n", "port", "baud", "tendons", "servo_ids", "servo_models")
+#: What the panel asks the predictor about what it decides by, in the order of `WatchLimits.of`.
+WATCH_PARAMETERS = ("watch", "watch_limit", "worn_limit", "cusum_limit")
 #: Every so many looks the cell's lists are read again while a page is open.
 LISTS_EVERY = 4
 
@@ -107,6 +110,7 @@ class PanelNode(CellNode):
         folder = Path(values["state_dir"]) if values["state_dir"] else None
         if folder is not None:
             self._state.swap.keep_in(folder / "swap.json")
+            self._state.refusals.keep_in(folder / "friction.json")
         self._record = ActRecord(folder / "acts.jsonl" if folder else None, time.time)
         self._calls = RosCalls(self, self._on_accepted, self._on_feedback, self._read_result)
         for act in acts.EXAMPLES:
@@ -120,12 +124,14 @@ class PanelNode(CellNode):
         self._diagnostics = Diagnostics(self)  # only now: loading the pages takes a second
         self._subscribe()
         self._driver_client = self.create_client(GetParameters, "tendon_driver/get_parameters")
+        self._watch_client = self.create_client(GetParameters, "kinematics_predictor/get_parameters")
         self._phase_client = self.create_client(GetState, "tendon_driver/get_state")
         self._product_client = self.create_client(ListProducts, "cell/list_products")
         self._finger_client = self.create_client(ListFingers, "cell/list_fingers")
         self._grasp_client = self.create_client(ListGrasps, "cell/list_grasps")
         self._friction_client = self.create_client(ListFrictionModels, "friction/list")
         self._lists_due = 0
+        self._counts_asked: tuple[int, ...] | None = None
         self._audit_client = self.create_client(WriteAudit, "cell/write_audit")
         self._place_client = self.create_client(PlaceObject, "emulator/place_object")
         steady_timer(self, SAMPLE_S, self._sample)
@@ -150,6 +156,7 @@ class PanelNode(CellNode):
             ) from error
         with startup_errors(PanelError):
             texts = Texts(values["language"])
+            speak(texts)
             accounts = Accounts(Path(values["users_file"]).expanduser() if values["users_file"] else None)
             bound = listen(values["host"], values["port"])
         port = bound.getsockname()[1]
@@ -261,7 +268,7 @@ class PanelNode(CellNode):
         if measured is not None:
             self._state.measured = convert.finger_views(measured)
         if residual is not None:
-            self._state.residuals[residual.finger] = convert.residual_view(residual)
+            self._state.observe_residual(convert.residual_view(residual))
         if shape is not None:
             self._shapes += 1
             self._site.shape = convert.shape_view(shape, self._shapes)
@@ -285,6 +292,8 @@ class PanelNode(CellNode):
         self._state.is_emulated = self._place_client.service_is_ready()
         if not self._state.policy.estop_policy:
             self._ask(self._driver_client, GetParameters.Request(names=list(DRIVER_PARAMETERS)), self._on_driver)
+        if self._site.viewers and not self._state.watch_limits.kind:
+            self._ask(self._watch_client, GetParameters.Request(names=list(WATCH_PARAMETERS)), self._on_watch)
         if self._site.viewers:
             self._ask(self._phase_client, GetState.Request(), self._on_phase)
         self._lists_due -= 1
@@ -294,10 +303,18 @@ class PanelNode(CellNode):
             self._ask(self._product_client, ListProducts.Request(), self._on_products)
             self._ask(self._finger_client, ListFingers.Request(), self._on_fingers)
             self._ask(self._friction_client, ListFrictionModels.Request(), self._on_friction)
-            self._ask(self._grasp_client, ListGrasps.Request(limit=200), self._on_grasps)
+            self._ask_grasps()
         problem = self._record.problem or self._run.problem
         health = Health.WARN if problem else Health.OK
         self._diagnostics.set("page", health, problem or "serves", {"pages": self._site.viewers})
+
+    def _ask_grasps(self) -> None:
+        """Ask for the counted grasps when there may be another one: the list is long."""
+        counts = self._state.cell.counts if self._state.cell else None
+        if counts is not None and counts == self._counts_asked and self._state.counted:
+            return
+        self._counts_asked = counts
+        self._ask(self._grasp_client, ListGrasps.Request(limit=200), self._on_grasps)
 
     def _on_driver(self, future: Any) -> None:
         values = future.result().values
@@ -312,6 +329,12 @@ class PanelNode(CellNode):
                 servo_ids=tuple(int(one) for one in ids.integer_array_value),
                 servo_models=tuple(models.string_array_value),
             )
+
+    def _on_watch(self, future: Any) -> None:
+        values = future.result().values
+        if len(values) == len(WATCH_PARAMETERS):
+            watch, *limits = values
+            self._state.watch_limits = WatchLimits.of(watch.string_value, *(one.double_value for one in limits))
 
     def _on_phase(self, future: Any) -> None:
         with self._state.locked() as state:
@@ -331,7 +354,7 @@ class PanelNode(CellNode):
     def _on_grasps(self, future: Any) -> None:
         response = future.result()
         if response.success:
-            self._state.counted = convert.counted_views(response)
+            self._state.observe_counted(convert.counted_views(response))
 
     def _on_friction(self, future: Any) -> None:
         response = future.result()
@@ -383,8 +406,8 @@ class PanelNode(CellNode):
                     result.reason,
                     duration_s=float(result.duration),
                     latency_s=float(result.latency),
-                    fingers=convert.grasp_decision(result),
-                    decided_stamp_s=convert.decided_stamp_s(result),
+                    fingers=convert.grasp_decision(result.decision),
+                    decided_stamp_s=convert.decided_stamp_s(result.decision),
                 )
                 return outcome == "GRIPPED", f"{outcome}: {result.reason}"
             if act == "calibrate":

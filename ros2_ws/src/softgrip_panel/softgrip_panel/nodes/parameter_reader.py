@@ -12,6 +12,7 @@ from softgrip_panel.errors import PanelError
 from softgrip_panel.model.parameters import ParameterView
 from softgrip_panel.nodes.cell_calls import SERVER_WAIT_S, wait_for_answer, wait_until
 from softgrip_panel.nodes.convert import parameter_view
+from softgrip_panel.texts import say
 
 #: A node that does not answer within this is named [s].
 ANSWER_S: Final = 5.0
@@ -43,7 +44,7 @@ class RosParameters:
             PanelError: there is no such node, or it does not answer.
         """
         if node not in self.nodes():
-            raise PanelError(f"expected one of {', '.join(self.nodes())}, found '{node[:80]}'")
+            raise PanelError(say("error.node", known=", ".join(self.nodes()), found=node[:80]))
         listed = await self._ask(ListParameters, f"{node}/list_parameters", ListParameters.Request())
         names = sorted(listed.result.names)
         described = await self._ask(
@@ -57,9 +58,9 @@ class RosParameters:
             self._clients[name] = self._node.create_client(kind, name)
         client = self._clients[name]
         if not await wait_until(client.service_is_ready, SERVER_WAIT_S):
-            raise PanelError(f"expected {name} within {SERVER_WAIT_S:g} s, found none; does the node run?")
+            raise PanelError(say("error.no_node", name=name, wait=SERVER_WAIT_S))
         future = client.call_async(request)
         if not await wait_for_answer(future, ANSWER_S):
             client.remove_pending_request(future)
-            raise PanelError(f"expected an answer of {name} within {ANSWER_S:g} s, found none")
+            raise PanelError(say("error.no_answer", name=name, wait=ANSWER_S))
         return future.result()

@@ -32,7 +32,7 @@ class Texts:
         self._texts = dict(_flat(document, ""))
         self.language = language
 
-    def __call__(self, key: str, **values: object) -> str:
+    def __call__(self, key: str, /, **values: object) -> str:
         """Return the text of a key with values filled in; a key that is not there is shown as it is."""
         text = self._texts.get(key)
         return key if text is None else text.format(**values) if values else text
@@ -45,6 +45,24 @@ class Texts:
     def keys(self) -> tuple[str, ...]:
         """All keys."""
         return tuple(self._texts)
+
+
+class _Spoken:
+    """The catalogue that this process speaks; English until it was told another."""
+
+    texts: Texts | None = None
+
+
+def speak(texts: Texts) -> None:
+    """Let `say` use a catalogue from now on: one language a panel."""
+    _Spoken.texts = texts
+
+
+def say(key: str, /, **values: object) -> str:
+    """Return the text of a key in the panel's language, for what the model and the gate have to say."""
+    if _Spoken.texts is None:
+        _Spoken.texts = Texts()
+    return _Spoken.texts(key, **values)
 
 
 def _flat(node: Any, prefix: str) -> Mapping[str, str]:

@@ -13,6 +13,7 @@ from softgrip_panel.access.origin import OriginRule
 from softgrip_panel.access.sessions import Sessions
 from softgrip_panel.errors import AccessError
 from softgrip_panel.model.roles import Person
+from softgrip_panel.texts import say
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
@@ -134,16 +135,16 @@ def person_of(scope: Scope) -> Person:
     """Return who asks; behind the gate there is always somebody, but on the public paths."""
     person = scope.get(PERSON)
     if not isinstance(person, Person):
-        raise AccessError("expected a session, found none; log in")
+        raise AccessError(say("error.no_session"))
     return person
 
 
 def _check_size(scope: Scope) -> None:
     length = header(scope, "content-length") or "0"
     if not length.isdigit() or int(length) > MAX_BODY:
-        raise AccessError(f"expected a body of at most {MAX_BODY // 1024} KiB, found {length[:20]} B")
+        raise AccessError(say("error.body_large", limit=MAX_BODY // 1024, found=length[:20]))
     if scope["type"] == "http" and header(scope, "transfer-encoding") is not None:
-        raise AccessError("expected a body with its length, found one without")
+        raise AccessError(say("error.body_length"))
 
 
 def _wants_page(scope: Scope) -> bool:

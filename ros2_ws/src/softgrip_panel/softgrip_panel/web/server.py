@@ -11,6 +11,7 @@ from typing import Any, Final
 import uvicorn
 
 from softgrip_panel.errors import PanelError
+from softgrip_panel.texts import say
 
 #: Without a port of its own the panel takes the first free one of these.
 FIRST_PORT: Final = 8480
@@ -34,7 +35,7 @@ def listen(host: str, port: int) -> socket.socket:
         except OSError as error:
             problem = error
     found = f"port {port}" if port else f"ports {PORTS.start} .. {PORTS.stop - 1}"
-    raise PanelError(f"expected to listen on {host}, {found}: {problem}; give another with port:=N") from problem
+    raise PanelError(say("error.listen", host=host, ports=found, error=problem)) from problem
 
 
 def _bound(host: str, port: int) -> socket.socket:

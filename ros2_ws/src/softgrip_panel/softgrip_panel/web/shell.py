@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from typing import Any, Final
 
 from nicegui import background_tasks, ui
@@ -163,8 +163,14 @@ class Page:
             if then is not None:
                 then(result)
 
+        self.begin(perform())
+
+    def begin(self, doing: Coroutine[Any, Any, object]) -> None:
+        """Do what takes time beside the page, while its session goes on; it goes on when the page is left."""
         if self._is_known():
-            background_tasks.create(perform())
+            background_tasks.create(doing)
+        else:
+            doing.close()
 
     def known(self, change: Callable[[Person], ActResult]) -> None:
         """Do what the panel does itself, while this page's session goes on."""

@@ -23,6 +23,7 @@ from softgrip_panel.access.sessions import LoginBrake, Sessions
 from softgrip_panel.errors import AccessError, PanelError
 from softgrip_panel.model import acts
 from softgrip_panel.model.bags import BagJobs
+from softgrip_panel.model.bench_commands import BenchCommands
 from softgrip_panel.model.desk import ActDesk
 from softgrip_panel.model.facts import FingerRecordView
 from softgrip_panel.model.frames import PanelPicture, pack_picture, pack_tensions
@@ -63,7 +64,7 @@ class PanelSite:
         parameters: reads those of the cell's nodes, None = nobody can be asked.
         lens: views of the board.
         calibration_file, watched_finger: the camera's, for the commands of Set-up.
-        tensioning: rounds of it.
+        tensioning: rounds of it; `bench_commands`: what needs the bus for itself.
         log: says what was refused.
         label: makes the label of a finger.
     """
@@ -92,6 +93,7 @@ class PanelSite:
     def __post_init__(self) -> None:
         state = self.desk.state
         self.tensioning = Tensioning(self.desk, lambda: state.bench)
+        self.bench_commands = BenchCommands(self.desk, lambda: state.bench)
 
     def app(self, pages: Callable[[PanelSite], None]) -> App:
         """Return the whole site as ASGI.

@@ -10,8 +10,15 @@ from nicegui import ui
 
 from softgrip_panel.model.explain import explain_residual
 from softgrip_panel.model.facts import FingerView, ResidualView
+from softgrip_panel.model.residuals import ResidualSample, WatchLimits
+from softgrip_panel.web.charts import statistic_chart, tip_chart
 from softgrip_panel.web.parts import card, fill, table, verdict_cell
 from softgrip_panel.web.shell import Page, element, text_element
+
+#: Of a chart: its vertical axis, its curves, its limits.
+STATISTIC_WORDS = (
+    "fingers.statistic", "fingers.friction", "fingers.stiffness", "fingers.limit_low", "fingers.limit_high",
+)  # fmt: skip
 
 
 def fingers_page(page: Page) -> None:
@@ -74,6 +81,39 @@ def _residuals(page: Page) -> None:
                     verdict_cell(page.t(said) if said else one.verdict, one.reason, is_good=is_good)
 
         page.shown.parts(body, rows, write)
+        page.shown.text(text_element("p", "", "note", id="watch-limits"), lambda: _limits_text(page))
+        holder = element("div", classes="drawing", id="residual-charts")
+        page.shown.parts(holder, lambda: _history(page), lambda seen: _draw_history(page, *seen))
+
+
+_Fingers = tuple[tuple[str, tuple[ResidualSample, ...]], ...]
+
+
+def _history(page: Page) -> tuple[_Fingers, WatchLimits]:
+    """Return what the charts depend on: the kept samples of each finger, and the limits."""
+    history = page.state.residual_history
+    with page.state.locked():
+        fingers = tuple((name, history.samples(name)) for name in history.fingers)
+    return fingers, page.state.watch_limits
+
+
+def _draw_history(page: Page, fingers: _Fingers, limits: WatchLimits) -> None:
+    if not fingers:
+        return
+    x_name = page.t("fingers.minutes")
+    for name, samples in fingers:
+        text_element("h3", name)
+        label = page.t("fingers.statistic_aria", finger=name)
+        words = [page.t(one) for one in STATISTIC_WORDS]
+        ui.html(statistic_chart(samples, limits, label, x_name, words), sanitize=False)
+    ui.html(tip_chart(fingers, page.t("fingers.tip_aria"), x_name, page.t("fingers.tip_axis")), sanitize=False)
+
+
+def _limits_text(page: Page) -> str:
+    limits = page.state.watch_limits
+    if not limits.kind:
+        return page.t("fingers.limits_unknown")
+    return page.t(f"fingers.limits_{limits.kind}", low=f"{limits.low:g}", high=f"{limits.high:g}")
 
 
 def _contacts(page: Page) -> None:

@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import json
 import math
+import time
+from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 from urllib.parse import urlencode
 
 from nicegui import ui
 
+from softgrip_panel.model.facts import CountedView
 from softgrip_panel.model.grasps import GraspRecord
 from softgrip_panel.model.records import GraspFilter, GraspRow, grasp_rows
 from softgrip_panel.web.parts import card, table
@@ -31,7 +34,7 @@ def grasps_page(page: Page) -> None:
             _list(page, shown_grasp)
 
 
-def _list(page: Page, show: object) -> None:
+def _list(page: Page, show: Callable[[CountedView | int], None]) -> None:
     with card(page, "grasps.list", "grasps"):
         with element("div", classes="row"):
             product = ui.input(page.t("grasps.product")).props("outlined dense").classes("grow")
@@ -60,7 +63,7 @@ def _list(page: Page, show: object) -> None:
         page.shown.rows(body, look, list_rows, lambda row: _row(page, row, show))
 
 
-def _row(page: Page, row: GraspRow, show: object) -> Any:
+def _row(page: Page, row: GraspRow, show: Callable[[CountedView | int], None]) -> Any:
     with element("tr") as made:
         text_element("td", clock_text(row.at_s), "whole")
         text_element("td", row.product)
@@ -71,22 +74,26 @@ def _row(page: Page, row: GraspRow, show: object) -> Any:
             text_element("span", row.outcome or "...", "verdict", data_state=row.outcome)
             text_element("p", row.reason)
         with element("td"):
-            if row.number is not None and callable(show):
-                number = row.number
-                page.button("grasps.show", lambda: show(number), "small", name=f"show-{number}")
+            found = row.counted if row.number is None else row.number
+            name = f"counted-{row.at_s:.0f}" if row.number is None else str(row.number)
+            if found is not None:
+                page.button("grasps.show", lambda: show(found), "small", name=f"show-{name}")
     return made
 
 
-def _detail_holder(page: Page) -> object:
+def _detail_holder(page: Page) -> Callable[[CountedView | int], None]:
     with card(page, "grasps.detail", "grasp-detail"):
         holder = element("div")
         with holder:
             text_element("p", page.t("grasps.choose"), "note")
 
-        def show(number: int) -> None:
-            record = page.state.grasps.find(number)
+        def show(found: CountedView | int) -> None:
             holder.clear()
             with holder:
+                if isinstance(found, CountedView):
+                    _counted_detail(page, found)
+                    return
+                record = page.state.grasps.find(found)
                 if record is None:
                     text_element("p", page.t("grasps.gone"), "note")
                 else:
@@ -95,14 +102,32 @@ def _detail_holder(page: Page) -> object:
     return show
 
 
-def _detail(page: Page, record: GraspRecord) -> None:
-    text_element("p", f"{record.product}: {record.outcome}", "instruction verdict", data_state=record.outcome)
-    text_element("p", record.reason)
-    for one in record.fingers:
+def _counted_detail(page: Page, counted: CountedView) -> None:
+    """Show what the database alone knows of a grasp: by what it was decided and when, without a curve."""
+    _verdict(page, counted)
+    if math.isfinite(counted.decided_stamp_s):
+        before_s = counted.at_s - counted.decided_stamp_s
+        at = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(counted.decided_stamp_s))
+        text_element("p", page.t("grasps.decided_at", at=at, before=before_s), id="decided-at")
+    text_element("p", page.t("grasps.unseen"), "note")
+
+
+def _verdict(page: Page, found: GraspRecord | CountedView) -> None:
+    text_element("p", f"{found.product}: {found.outcome}", "instruction verdict", data_state=found.outcome)
+    text_element("p", found.reason)
+    if any(found.serials):
+        text_element("p", page.t("grasps.by", finger_set=found.finger_set, serials=", ".join(found.serials)))
+    for one in found.fingers:
         text = page.t(
             "grasps.decided", finger=one.finger, state=one.state, tension=one.contact_tension_n, level=one.threshold_n
         )
         text_element("p", text, "note")
+
+
+def _detail(page: Page, record: GraspRecord) -> None:
+    _verdict(page, record)
+    if record.decided_s is not None:
+        text_element("p", page.t("grasps.decided_after", after=record.decided_s), id="decided-after")
     element(
         "canvas",
         id="curve",

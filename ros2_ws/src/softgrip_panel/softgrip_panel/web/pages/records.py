@@ -16,6 +16,7 @@ from softgrip_panel.model.facts import FingerRecordView
 from softgrip_panel.model.records import check_age_days, life_share
 from softgrip_panel.model.roles import Role
 from softgrip_panel.texts import Texts
+from softgrip_panel.web.charts import check_chart
 from softgrip_panel.web.parts import card, table
 from softgrip_panel.web.shell import Page, element, text_element
 
@@ -52,7 +53,10 @@ def _row(page: Page, record: FingerRecordView) -> Any:
                 element("div", style=f"width: {100.0 * share:.0f}%")
             text_element("span", page.t("records.cycles", cycles=record.cycles, limit=record.cycle_limit))
         age = check_age_days(record, date.today())  # noqa: DTZ011  a person's day
-        text_element("td", page.t("records.never") if age is None else page.t("records.days", days=age))
+        with element("td"):
+            text_element("span", page.t("records.never") if age is None else page.t("records.days", days=age))
+            if record.check:
+                page.button("records.check", lambda: _show_check(page, record), "small", name=f"check-{record.serial}")
         with element("td"):
             text_element("span", f"{record.material}, {record.cable}, ")
             text_element("span", record.printed, "whole")
@@ -65,6 +69,19 @@ def _row(page: Page, record: FingerRecordView) -> Any:
                     "records.retire", lambda: _ask_retire(page, record), "small", name=f"retire-{record.serial}"
                 )
     return made
+
+
+def _show_check(page: Page, record: FingerRecordView) -> None:
+    """Show the empty closing of the last check: what the next one is compared with."""
+    with ui.dialog() as dialog, ui.card().classes("dialog"):
+        text_element("h2", page.t("records.check_title", serial=record.serial))
+        with element("div", classes="drawing"):
+            label = page.t("records.check_aria", serial=record.serial)
+            chart = check_chart(record.check, label, page.t("records.check_x"), page.t("records.check_y"))
+            ui.html(chart, sanitize=False)
+        text_element("p", page.t("records.check_note"), "note")
+        page.button("records.close", dialog.close, "big", name="check-close")
+    dialog.open()
 
 
 def _ask_retire(page: Page, record: FingerRecordView) -> None:

@@ -1,18 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Page Set-up: driver and bus, what needs a terminal, tensioning, weights, camera; parameters are in their own part."""
+"""Page Set-up: driver and bus, what needs the bus for itself, tensioning, weights; camera, parameters have own parts."""
 
 from __future__ import annotations
 
 import asyncio
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from nicegui import background_tasks, ui
 
 from softgrip_panel.errors import PanelError
 from softgrip_panel.model import acts
 from softgrip_panel.model.acts import ActResult
-from softgrip_panel.model.bench import ACTIVE, TO_FREE, TO_TAKE, BenchView, bus_causes, terminal_steps
+from softgrip_panel.model.bench import (
+    ACTIVE,
+    BAUDS,
+    MAX_ID,
+    TO_FREE,
+    TO_TAKE,
+    BenchView,
+    TerminalStep,
+    bus_causes,
+    id_step,
+    terminal_steps,
+)
 from softgrip_panel.model.roles import Role
 from softgrip_panel.model.tensioning import PLAN, SETTLED_MM, TensioningRound
 from softgrip_panel.model.weights import MAX_KG, MIN_KG, WeightPoint
@@ -78,7 +89,10 @@ def _driver(page: Page) -> None:
             free = page.button("setup.free", lambda: _ask_transitions(page, "free", TO_FREE), name="free-bus")
             page.shown.enabled(free, lambda: page.may_act and bench().phase in TO_FREE)
             take = page.button("setup.take", lambda: _ask_transitions(page, "take", TO_TAKE), name="take-bus")
-            page.shown.enabled(take, lambda: page.may_act and bench().phase in TO_TAKE)
+            page.shown.enabled(
+                take,
+                lambda: page.may_act and bench().phase in TO_TAKE and not page.site.bench_commands.output.is_running,
+            )
         page.commands(*(acts.set_driver(one) for one in ("deactivate", "cleanup", "configure", "activate")))
 
 
@@ -161,8 +175,74 @@ def _terminal(page: Page) -> None:
                 text_element("h3", page.t(f"setup.do_{one.key}"))
                 text_element("p", page.t(f"setup.why_{one.key}"), "note")
                 command(page, one.command)
+                if one.key == "ids":
+                    _id_fields(page)
+                elif one.is_run_here and is_engineer(page):
+                    _run_button(page, one.key, lambda one=one: one)
 
         page.shown.parts(holder, lambda: _named_bus(page.state.bench), write)
+        _bench_output(page)
+
+
+def _run_button(page: Page, key: str, read: Callable[[], TerminalStep]) -> None:
+    """Make the button that runs a step here; it can be pressed while nobody else has the bus."""
+    work = page.site.bench_commands
+
+    def run() -> None:
+        try:
+            step = read()
+        except PanelError as error:
+            problem = str(error)
+            page.known(lambda person: page.desk.refuse(person, "bench", problem))
+            return
+        page.known(lambda person: work.begin(person, step))
+
+    button = page.button("setup.run", run, "small", name=f"run-{key}")
+    page.shown.enabled(button, lambda: page.may_act and not page.state.bench.has_bus and not work.output.is_running)
+
+
+def _id_fields(page: Page) -> None:
+    if not is_engineer(page):
+        return
+    with element("div", classes="row"):
+        now = ui.number(page.t("setup.id_now"), value=1, min=0, max=MAX_ID, step=1, precision=0)
+        new = ui.number(page.t("setup.id_new"), value=1, min=0, max=MAX_ID, step=1, precision=0)
+        for one, name in ((now, "id-now"), (new, "id-new")):
+            one.props("outlined dense").classes(f"grow {name}")
+        baud = ChoiceField(page.t("setup.baud_now"), {str(one): str(one) for one in (57_600, *BAUDS)})
+
+        def read() -> TerminalStep:
+            return id_step(page.state.bench, _whole(now.value), int(baud.value), _whole(new.value))
+
+        _run_button(page, "ids", read)
+
+
+def _whole(value: object) -> int:
+    """Return what a field of numbers holds; -1, which no servo has, where that is none."""
+    return int(value) if isinstance(value, (int, float)) else -1
+
+
+def _bench_output(page: Page) -> None:
+    """Show what the last command said, and how it ended."""
+    work, shown = page.site.bench_commands, page.shown
+    said = text_element("p", "", "instruction", id="bench-said", role="status")
+    shown.text(said, lambda: _bench_text(page))
+    lines = text_element("pre", "", "output", id="bench-output", tabindex="0", aria_label=page.t("setup.output"))
+    shown.text(lines, lambda: "\n".join(work.output.lines))
+    shown.visible(lines, lambda: bool(work.output.lines))
+    if is_engineer(page):
+        stop = page.button("setup.run_end", lambda: page.known(work.stop), name="run-end")
+        shown.visible(stop, lambda: work.output.is_running)
+
+
+def _bench_text(page: Page) -> str:
+    output = page.site.bench_commands.output
+    if not output.key:
+        return ""
+    name = page.t(f"setup.do_{output.key}")
+    if output.is_running:
+        return page.t("setup.run_goes_on", name=name)
+    return page.t("setup.run_done" if output.code == 0 else "setup.run_failed", name=name, code=output.code)
 
 
 def _named_bus(bench: BenchView) -> tuple[object, ...]:

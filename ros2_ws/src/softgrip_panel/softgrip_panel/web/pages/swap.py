@@ -185,6 +185,8 @@ def _check(page: Page) -> None:
     with card(page, "swap.check", "swap-check"):
         text_element("p", page.t("swap.check_hint"), "note")
         element("canvas", id="check", width="640", height="420", role="img", aria_label=page.t("swap.check_aria"))
+        unchecked = text_element("p", "", "note", id="unchecked")
+        page.shown.text(unchecked, lambda: _unchecked_text(page))
         with element("ul", id="check-curves", classes="hidden-list") as holder:
 
             def write(curves: tuple[tuple[str, str, str], ...]) -> None:
@@ -206,6 +208,12 @@ def _curves(page: Page) -> tuple[tuple[str, str, str], ...]:
         )
         for one in mounted
     )
+
+
+def _unchecked_text(page: Page) -> str:
+    """Return which mounted fingers have no record to be drawn."""
+    missing = [f"{slot} {serial}".strip() for slot, serial, curve in _curves(page) if not curve]
+    return page.t("swap.unchecked", fingers=", ".join(missing)) if missing else ""
 
 
 def _slots(page: Page) -> tuple[str, ...]:

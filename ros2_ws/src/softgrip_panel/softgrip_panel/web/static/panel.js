@@ -186,6 +186,7 @@ function drawCheck() {
   const all = [...curves.values(), ...closing.values()].flat();
   const [right, top] = [Math.max(16, ...all.map(([x]) => x)), Math.max(10, ...all.map(([, n]) => n))];
   const height = canvas.height / Math.max(1, rows.length);
+  const drawn = {}; // slot: points of the record, dots of now
   pen.font = "16px system-ui, sans-serif";
   rows.forEach(([name], k) => {
     const place = ([x, n]) => [50 + (x / right) * (canvas.width - 60), (k + 1) * height - 16 - (Math.max(0, n) / top) * (height - 36)];
@@ -200,7 +201,9 @@ function drawCheck() {
     pen.stroke();
     pen.fillStyle = colour("--accent");
     for (const point of closing.get(name)) pen.fillRect(place(point)[0] - 2, place(point)[1] - 2, 4, 4);
+    drawn[name] = [(curves.get(name) ?? []).length, closing.get(name).length];
   });
+  canvas.dataset.drawn = JSON.stringify(drawn);
 }
 
 // --- one grasp: tensions over time
