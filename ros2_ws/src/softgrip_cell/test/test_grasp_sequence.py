@@ -213,6 +213,29 @@ def test_beyond_the_checked_path_a_fingertip_has_to_be_seen_twice_as_far_off(
 
 
 @pytest.mark.parametrize(
+    ("way_m", "off_m", "is_deflected"),
+    [(0.0005, 0.0120, False), (0.0005, 0.0135, True), (0.005, 0.0165, False), (0.005, 0.018, True),
+     (0.030, 0.023, False), (0.030, 0.025, True)],
+)  # fmt: skip
+def test_a_step_beyond_the_checked_path_a_fingertip_may_be_off_by_that_step_more(
+    task, bench, way_m: float, off_m: float, is_deflected: bool
+) -> None:
+    """12 mm, and the way of the predicted tip since the end of the checked path, at most 24 mm in all."""
+    references, made = task().references, bench()
+    tips = TipTest(("index", "middle", "thumb"), references, SETTINGS)
+    for beyond_m, tip_m in ((0.0, (0.05, 0.05)), (0.0001, (0.05, 0.05 + way_m))):
+        pair = made.pair()
+        pair = replace(
+            pair,
+            sample=replace(pair.sample, pulled_length_m=(references[0].reach_m + beyond_m,) * 3),
+            free=replace(pair.free, tip_m=(tip_m,) * 3),
+        )
+        tips.predict(pair)
+    tips.observe(SeenTip(pair.sample.stamp_ns, "index", (0.05 + off_m, 0.05 + way_m), 0.0))
+    assert tips.deflected(pair.sample.stamp_ns) == ({0} if is_deflected else frozenset())
+
+
+@pytest.mark.parametrize(
     "tip",
     [
         lambda _pair: [],

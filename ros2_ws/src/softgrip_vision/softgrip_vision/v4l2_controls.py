@@ -89,19 +89,21 @@ class _Order:
     automatic: tuple[int, int] | None = None
 
 
+class _NotSetError(Exception):
+    """A value that the camera does not have now, and why."""
+
+
 def apply_controls(settings: ControlSettings, ioctl: Ioctl) -> ControlReport:
     """Set what is asked for, read it back, and look at what the camera does by itself. Never raises OSError."""
     values: dict[str, str] = {}
     problems = []
     for order in _orders(settings):
         try:
-            problem = _set(order, ioctl)
+            values[order.name] = str(_set(order, ioctl))
+        except _NotSetError as error:
+            problems.append(str(error))
         except OSError as error:
-            problem = f"{order.name}: expected the camera to answer, found {error}"
-        if problem:
-            problems.append(problem)
-        else:
-            values[order.name] = str(order.value)
+            problems.append(f"{order.name}: expected the camera to answer, found {error}")
     return ControlReport(values, tuple(problems), _automatic(ioctl))
 
 
@@ -123,24 +125,31 @@ def _orders(settings: ControlSettings) -> list[_Order]:
     return orders
 
 
-def _set(order: _Order, ioctl: Ioctl) -> str:
-    """Set one value; return what is wrong, empty when nothing."""
+def _set(order: _Order, ioctl: Ioctl) -> int:
+    """Set one value; return what the camera made of it, up to its step.
+
+    Raises:
+        _NotSetError: it has none, or did not take it.
+    """
     found = _range(order.control, ioctl)
     if found is None:
-        return f"{order.name}: expected a camera that can set it, found none; leave its parameter at its default"
+        raise _NotSetError(
+            f"{order.name}: expected a camera that can set it, found none; leave its parameter at its default"
+        )
     low, high, step = found
+    # Beyond its range a camera takes the nearest value, or the largest for one below nothing, and says nothing.
     if not low <= order.value <= high:
-        return f"{order.name}: expected {low} to {high} of this camera, found {order.value}"
+        raise _NotSetError(f"{order.name}: expected {low} to {high} of this camera, found {order.value}")
     try:
         if order.automatic is not None and _range(order.automatic[0], ioctl) is not None:
             ioctl(SET_CONTROL, _CONTROL.pack(*order.automatic))
         ioctl(SET_CONTROL, _CONTROL.pack(order.control, order.value))
         taken = _get(order.control, ioctl)
     except OSError as error:
-        return f"{order.name}: expected the camera to take {order.value}, found {error}"
+        raise _NotSetError(f"{order.name}: expected the camera to take {order.value}, found {error}") from error
     if abs(taken - order.value) >= max(step, 1):
-        return f"{order.name}: expected {order.value}, found {taken}: the camera did not take it"
-    return ""
+        raise _NotSetError(f"{order.name}: expected {order.value}, found {taken}: the camera did not take it")
+    return taken
 
 
 def _automatic(ioctl: Ioctl) -> tuple[str, ...]:

@@ -37,7 +37,10 @@ CONTROL_GAIN = bytes.fromhex("13099800fbffffff")
 
 
 class Camera:
-    """Answers as a UVC camera does: controls with ranges; what is automatic refuses a value (EBUSY)."""
+    """Answers as cameras may: controls with ranges; what is automatic refuses a value (EBUSY; uvcvideo says EACCES).
+
+    What uvcvideo answered for real cameras is in test_v4l2_recorded.py.
+    """
 
     def __init__(self, **without: bool) -> None:
         self.values = {

@@ -255,6 +255,9 @@ class TipTest:
     is tens of millimetres off at the same pulled length, where its tension says little, as free motion is not what it
     does. A distance in the plane exceeds r with exp(-r^2 / 2 s^2) (Rayleigh), so r^2 / 2 s^2 is compared with the level
     itself; s is chosen so that tip_m is at the level for a camera without error.
+
+    Beyond the path that the check covered nobody has seen the finger: it may stand at its stops there, or go on. So
+    tip_m grows there by the way that is predicted from the end of that path, up to tip_unchecked_factor times itself.
     """
 
     def __init__(self, slots: Sequence[str], references: Sequence[FreeReference], settings: GraspSettings) -> None:
@@ -262,11 +265,15 @@ class TipTest:
         self._references = tuple(references)
         self._settings = settings
         self._pairs: deque[ObservedPair] = deque()
+        self._checked_tip_m: dict[int, tuple[float, float]] = {}  # predicted, where each finger last was on that path
         self._seen: dict[int, tuple[int, float, float]] = {}
 
     def predict(self, pair: ObservedPair) -> None:
         """Take a tendon sample with its prediction."""
         self._pairs.append(pair)
+        for slot, reference in enumerate(self._references):
+            if pair.sample.pulled_length_m[slot] <= reference.reach_m:
+                self._checked_tip_m[slot] = pair.free.tip_m[slot]
         keep_s = self._settings.tip_pair_s + self._settings.tip_fresh_s
         while self._pairs[0].sample.stamp_ns < pair.sample.stamp_ns - to_ns(keep_s):
             self._pairs.popleft()
@@ -282,11 +289,19 @@ class TipTest:
         deviation_m = math.dist(tip.tip_m, pair.free.tip_m[slot])
         if math.isfinite(deviation_m):
             level = self._settings.decision_level(period_s)
-            is_checked = pair.sample.pulled_length_m[slot] <= self._references[slot].reach_m
-            max_m = self._settings.tip_m * (1.0 if is_checked else self._settings.tip_unchecked_factor)
+            max_m = self._tolerance_m(slot, pair)
             camera_m = tip.stddev_m if math.isfinite(tip.stddev_m) else 0.0
             variance_m2 = max_m**2 / (2.0 * level) + camera_m**2
             self._seen[slot] = (tip.stamp_ns, deviation_m, deviation_m**2 / (2.0 * variance_m2 * level))
+
+    def _tolerance_m(self, slot: int, pair: ObservedPair) -> float:
+        """Return the distance [m] of a fingertip from its predicted place that is called a contact there."""
+        settings = self._settings
+        if pair.sample.pulled_length_m[slot] <= self._references[slot].reach_m:
+            return settings.tip_m
+        most_m = settings.tip_m * settings.tip_unchecked_factor
+        way_m = math.dist(pair.free.tip_m[slot], self._checked_tip_m.get(slot, (math.nan, math.nan)))
+        return min(most_m, settings.tip_m + way_m) if math.isfinite(way_m) else most_m
 
     def deviation_m(self, now_ns: int) -> dict[int, float]:
         """Return the distance of every slot's fingertip that was seen a moment ago from its predicted place [m]."""
