@@ -10,7 +10,7 @@ BIN := $(VENV)/bin
 # the environments would compile all of each other's cores again in one folder
 BUILD := SKBUILD_BUILD_DIR='build/$(filter oldest,$(LOCK))/{wheel_tag}'
 SRC := ros2_ws/src
-TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup softgrip_cmake softgrip_interfaces,$(notdir $(wildcard $(SRC)/*)))
+TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup softgrip_cmake softgrip_interfaces softgrip_mcap_vendor,$(notdir $(wildcard $(SRC)/*)))
 UV_LOCK := $(BIN)/uv pip compile -q --universal --python-version 3.11 --no-header --no-annotate --generate-hashes
 SEED ?= 1
 OUT ?= out
