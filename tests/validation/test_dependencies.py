@@ -300,8 +300,11 @@ def test_a_package_can_go_into_an_index(package: str) -> None:
     """What bloom and the index ask for: a licence with its text, a maintainer, a description, one version for all."""
     folder = WORKSPACE / package
     root = ET.parse(folder / "package.xml").getroot()
-    assert root.findtext("license") == "Apache-2.0"
+    vendored = {"softgrip_mcap_vendor": ["MIT", "BSD-3-Clause"]}  # of what it builds
+    assert [one.text for one in root.iter("license")] == ["Apache-2.0", *vendored.get(package, [])]
     assert (folder / "LICENSE").read_text() == (ROOT / "LICENSE").read_text()
     assert "@" in root.find("maintainer").get("email")
     assert (root.findtext("description") or "").strip().endswith(".")
     assert re.fullmatch(r"\d+\.\d+\.\d+", root.findtext("version") or "")  # one for all: test_changelog.py
+    for page in folder.rglob("*.md"):  # docs.ros.org has the package alone
+        assert "](.." not in page.read_text(), page
