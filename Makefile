@@ -10,7 +10,7 @@ BIN := $(VENV)/bin
 # the environments would compile all of each other's cores again in one folder
 BUILD := SKBUILD_BUILD_DIR='build/$(filter oldest,$(LOCK))/{wheel_tag}'
 SRC := ros2_ws/src
-TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup softgrip_cmake softgrip_interfaces,$(notdir $(wildcard $(SRC)/*)))
+TYPED := rclpy ament_index_python embedded_ros $(filter-out softgrip_bringup softgrip_cmake softgrip_interfaces softgrip_mcap_vendor,$(notdir $(wildcard $(SRC)/*)))
 UV_LOCK := $(BIN)/uv pip compile -q --universal --python-version 3.11 --no-header --no-annotate --generate-hashes
 SEED ?= 1
 OUT ?= out
@@ -96,8 +96,8 @@ test: setup parts-setup study-setup panel-setup s3-setup $(if $(filter oldest,$(
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not long" $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not long" $(REAL_TIME)
 
-long-tests: setup panel-setup rerun-setup  ## from boxes of parts to the first grasp, a shift at the operator's page, cells on other drives, Rerun's own reader, the wheel in a fresh environment; some minutes
-	$(BIN)/python -m pytest -m long tests/system tests/documents
+long-tests: setup panel-setup rerun-setup  ## from boxes of parts to the first grasp, a shift at the operator's page, cells on other drives, Rerun's own reader, the wheel in a fresh environment, modules from their sources; some minutes
+	$(BIN)/python -m pytest -m long tests/system tests/documents tests/validation
 	$(BIN)/python -m pytest tests/replay/test_rerun_file.py
 
 lint: setup  ## ruff and mypy, strict; clang-format, clang-tidy of two cores; links of the documentation

@@ -22,9 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from softgrip_bag.archive import Archive, connect
-from softgrip_bag.archive.store import bag_digest
 from softgrip_bag.nodes.commands import archive, report
-from softgrip_bag.reader import read
+from softgrip_bag.reader import bag_digest, read
 from softgrip_testing.bag_excerpt import excerpt
 from softgrip_testing.benchmark_claim import claim, no_options
 

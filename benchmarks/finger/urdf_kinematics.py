@@ -2,7 +2,8 @@
 """Tips of the URDF, moved as /joint_states moves it and read by MuJoCo, beside 1,000 random states of every finger.
 
 States of finger/predicted in modes F and P and of fingers that have learnt, of the recipe of mode R, and of
-finger/measured.
+finger/measured. Then the middles of the links beside the kernel's own, along a free closing in steps of 0.1 mm, by the
+profile's friction and by others: what a tip that is met does not say.
 """
 
 from __future__ import annotations
@@ -18,11 +19,12 @@ from numpy.typing import NDArray
 
 from softgrip_description import finger_joint_names, shipped_hand, slot_pose, urdf_of
 from softgrip_description.pose_feed import HandPose
-from softgrip_model.finger import Finger, JointModel
+from softgrip_model.finger import Finger, FingerError, JointModel, Plane, follow
 from softgrip_model.finger.learning import Knowledge
 from softgrip_model.finger.predictor import Configuration, Prediction, assumed_friction
 from softgrip_model.finger.replication import replicate
 from softgrip_model.finger.uncertainty import PRIOR
+from softgrip_model.friction.laws import FrictionLaw, Law
 from softgrip_model.profile import Profile, load_directory, shipped_directory
 from softgrip_testing.benchmark_claim import claim, no_options
 from softgrip_vision.chain import ChainFilter, ChainGeometry
@@ -36,6 +38,12 @@ STATES = 1000
 MAX_PULLED_M = 0.015
 #: Fingers, each another one, that a learning finger is taken for.
 LEARNT = 20
+#: Pulled lengths [mm] at which the links' middles are compared.
+PULLED_MM = np.arange(0.1, 1e3 * MAX_PULLED_M + 0.05, 0.1)
+#: Coefficients of the Capstan law beside the profile's friction.
+OTHER_FRICTIONS = (0.1, 0.6)
+#: [mm] further away than any finger reaches: a plane that no link touches.
+FAR_MM = 1e4
 
 
 class DescribedFinger:
@@ -63,11 +71,7 @@ class DescribedFinger:
             hinges: whether only the joints that turn are moved.
         """
         angles, tip = state
-        self._pose.set_finger(self._slot, angles.tolist(), tip.tolist())
-        turning = finger_joint_names(self._slot, self._design.joints)
-        for name, position in zip(*self._pose.joint_state(), strict=True):
-            self._data.joint(name).qpos = position if name in turning or not hinges else 0.0
-        mujoco.mj_kinematics(self._model, self._data)
+        self._move(state, hinges=hinges)
         # MuJoCo merges links without joints into their parents: the tip is the last link's end
         last = self._data.body(f"{self._slot}_link_{self._design.joints - 1}")
         rotation = last.xmat.reshape(3, 3)
@@ -76,6 +80,70 @@ class DescribedFinger:
         total = float(np.sum(angles))
         along = self._base[:3, :3] @ [math.cos(total), -math.sin(total), 0.0]
         return float(np.linalg.norm(found - expected)), float(np.linalg.norm(np.cross(rotation[:, 0], along)))
+
+    def middles(self, state: State, *, hinges: bool = False) -> Array:
+        """Return where the middles of the links are, (n, 2) [m] in ``<finger>_base``.
+
+        Args:
+            state: as the message has it.
+            hinges: whether only the joints that turn are moved.
+        """
+        self._move(state, hinges=hinges)
+        found = []
+        for j, length in enumerate(self._design.link_lengths_m):
+            link = self._data.body(f"{self._slot}_link_{j}")
+            at = link.xpos + link.xmat.reshape(3, 3) @ [0.5 * length, 0.0, 0.0] - self._palm_m
+            found.append((np.linalg.inv(self._base) @ [*at, 1.0])[:2])
+        return np.array(found)
+
+    def _move(self, state: State, *, hinges: bool) -> None:
+        angles, tip = state
+        self._pose.set_finger(self._slot, angles.tolist(), tip.tolist())
+        turning = finger_joint_names(self._slot, self._design.joints)
+        for name, position in zip(*self._pose.joint_state(), strict=True):
+            self._data.joint(name).qpos = position if name in turning or not hinges else 0.0
+        mujoco.mj_kinematics(self._model, self._data)
+
+
+def kernel_middles(profile: Profile, slot: str, law: FrictionLaw) -> list[tuple[State, Array]]:
+    """Return states of a free closing with the kernel's own middles of the links, (n, 2) [m].
+
+    How far a link's middle is from a plane that it never touches is where it is.
+    """
+    finger = Finger.from_profile(profile, slot)
+    x, y = (
+        follow(
+            finger,
+            law,
+            PULLED_MM,
+            contacts=[Plane(normal, -FAR_MM, j, 0.5 * length) for j, length in enumerate(finger.link_mm)],
+        )
+        for normal in ((1.0, 0.0), (0.0, 1.0))
+    )
+    known = ~(x.failed | y.failed)
+    middles = 1e-3 * (np.stack([x.gap[known], y.gap[known]], axis=-1) - FAR_MM)
+    states = zip(x.angle_rad[known], 1e-3 * x.tip_mm[known], strict=True)
+    return list(zip(states, middles, strict=True))
+
+
+def middle_differences(profile: Profile, slot: str, described: DescribedFinger) -> dict[str, Array]:
+    """Return how far the described middles are at most from the kernel's, by the friction of the closing.
+
+    Each (2,) [m]: of the links before the last, and of the last. A finger that the kernel can not compute has none.
+    """
+    laws = {"the profile's friction": assumed_friction(profile).law}
+    laws |= {f"Capstan, mu {mu}": FrictionLaw(Law.CAPSTAN, (mu,), 2.0) for mu in OTHER_FRICTIONS}
+    found = {}
+    for name, law in laws.items():
+        try:
+            pairs = kernel_middles(profile, slot, law)
+        except FingerError:
+            continue
+        for hinges in (False, True) if law is laws["the profile's friction"] else (False,):
+            apart = np.array([np.linalg.norm(described.middles(one, hinges=hinges) - at, axis=1) for one, at in pairs])
+            row = "revolute joints alone" if hinges else name
+            found[row] = np.array([apart[:, :-1].max(initial=0.0), apart[:, -1].max(initial=0.0)])
+    return found
 
 
 def predicted(profile: Profile, slot: str, draw: np.random.Generator, joint_model: JointModel) -> list[State]:
@@ -138,6 +206,7 @@ def main() -> None:
     no_options(__doc__)
     draw = np.random.default_rng(20261123)
     largest: dict[str, Array] = {}
+    middles: dict[str, Array] = {}
     hinge_m, runs = 0.0, 0
     for profile in load_directory(shipped_directory()).values():
         for slot in profile.slots:
@@ -148,6 +217,8 @@ def main() -> None:
                 runs += len(some)
                 if source == "mode F":
                     hinge_m = max(hinge_m, *(described.difference(state, hinges=True)[0] for state in some))
+            for friction, apart in middle_differences(profile, slot, described).items():
+                middles[friction] = np.maximum(middles.get(friction, 0.0), apart)
     position_m, direction_rad = np.max(list(largest.values()), axis=0)
     each = "; ".join(f"{source}: {m:.1e} m, {rad:.1e} rad" for source, (m, rad) in largest.items())
     note = f"largest of {STATES} random states of each finger and source, up to 15 mm pulled, MuJoCo reads: {each}"
@@ -155,6 +226,21 @@ def main() -> None:
     peer: dict[str, Any] = {"peer": "joints that turn alone, mode F", "peer_value": hinge_m}
     claim("tip difference", float(position_m), "m", goal=1e-5, **common, **peer)
     claim("tip direction difference", float(direction_rad), "rad", goal=1e-6, **common)
+    each = "; ".join(
+        f"{friction}: {1e3 * m:.3f} mm, last {1e3 * last:.3f} mm" for friction, (m, last) in middles.items()
+    )
+    own = middles["the profile's friction"]
+    claim(
+        "middle of a link, difference",
+        float(own.max()),
+        "m",
+        better="lower",
+        goal=None,
+        runs=len(PULLED_MM),
+        note=f"largest of all shipped fingers, every 0.1 mm up to 15 mm pulled, beside the kernel's own: {each}",
+        peer="joints that turn alone",
+        peer_value=float(middles["revolute joints alone"].max()),
+    )
 
 
 if __name__ == "__main__":

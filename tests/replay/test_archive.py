@@ -9,23 +9,27 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import duckdb
 import numpy as np
 import pytest
-from pyarrow import parquet
 
 from softgrip_bag import report
-from softgrip_bag.archive import Archive, connect, shipped_queries
-from softgrip_bag.archive.sql import view_name
-from softgrip_bag.archive.store import bag_digest
-from softgrip_bag.archive.tables import story_tables
 from softgrip_bag.commands import query
 from softgrip_bag.nodes.commands import archive as command
 from softgrip_bag.nodes.digest import digest
+from softgrip_bag.reader import bag_digest
 from softgrip_bag.statistics import statistics
 
+pytest.importorskip("duckdb")
+pytest.importorskip("fsspec")
+pytest.importorskip("pyarrow")
 pytest.importorskip("rosbags")
+import duckdb
+from pyarrow import parquet
 from rosbags.highlevel import AnyReader
+
+from softgrip_bag.archive import Archive, connect, shipped_queries
+from softgrip_bag.archive.sql import view_name
+from softgrip_bag.archive.tables import story_tables
 
 BAGS = Path(__file__).parent / "bags"
 NAMES = ("calibration", "closings", "frames", "grasps", "shapes")

@@ -10,17 +10,21 @@ from typing import Any
 
 import pytest
 
-from softgrip_bag.archive import Archive
-from softgrip_bag.archive.store import bag_digest
 from softgrip_bag.commands import query
 from softgrip_bag.nodes.commands import archive as command
+from softgrip_bag.reader import bag_digest
 
+pytest.importorskip("duckdb")
+pytest.importorskip("pyarrow")
 pytest.importorskip("rosbags")
 from rosbags.highlevel import AnyReader
+
+from softgrip_bag.archive import Archive
 
 pytest.importorskip("s3fs", reason="make s3-setup")
 boto3 = pytest.importorskip("boto3", reason="make s3-setup")
 moto_server = pytest.importorskip("moto.server", reason="make s3-setup")
+
 
 BAGS = Path(__file__).parent / "bags"
 PLACE = "s3://softgrip/cells"

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pyarrow import parquet
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
@@ -20,6 +19,9 @@ from softgrip_bag.schema_text import schema_text
 from softgrip_bag.writer import BagWriter, Topic
 from softgrip_interfaces.msg import NodeTrace, TeleoperationState, TraceStep
 from softgrip_nodekit import to_time_message
+
+pytest.importorskip("pyarrow")
+from pyarrow import parquet
 
 TENDONS = ["index", "thumb"]
 START_NS = 1_000_000_000

@@ -13,16 +13,18 @@ import cv2
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from pyarrow import parquet
 
 from softgrip_bag.episode import TendonCommand, commanded
 from softgrip_bag.errors import BagError
-from softgrip_bag.lerobot import IMAGE, write_lerobot
 from softgrip_bag.nodes.commands import export
 from softgrip_bag.nodes.recorded_episodes import recorded_episodes
 
 pytest.importorskip("mcap_ros2")
+pytest.importorskip("pyarrow")
 from mcap_ros2.decoder import DecoderFactory
+from pyarrow import parquet
+
+from softgrip_bag.lerobot import IMAGE, write_lerobot
 
 BAG = Path(__file__).resolve().parent / "bags" / "grasps"
 RATE_HZ = 20

@@ -14,6 +14,7 @@ from xml.etree import ElementTree as ET
 import pytest
 import yaml
 
+from softgrip_bag import extras
 from softgrip_description import ros2_control
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,77 +24,75 @@ PACKAGES = sorted(path.parent.name for path in WORKSPACE.glob("*/package.xml"))
 #: Module -> rosdep key. Source: rosdep/python.yaml and rosdep/base.yaml of github.com/ros/rosdistro.
 KEYS = {
     "cryptography": "python3-cryptography",
-    "dask": "python3-distributed-pip",
-    "distributed": "python3-distributed-pip",
     "cv2": "python3-opencv",
     "dynamixel_sdk": "dynamixel_sdk",
     "gymnasium": "python3-gymnasium-pip",
     "hypothesis": "python3-hypothesis",
     "jinja2": "python3-jinja2",
-    "lz4": "python3-lz4",
-    "mcap": "python3-mcap-pip",
-    "mujoco": "python3-mujoco-pip",
+    "lz4": "softgrip_mcap_vendor",
+    "mcap": "softgrip_mcap_vendor",
     "meshio": "python3-meshio",
-    "pyarrow": "python3-pyarrow-pip",
-    "duckdb": "python3-duckdb-pip",
-    "fsspec": "python3-fsspec",
     "matplotlib": "python3-matplotlib",
     "mpl_toolkits": "python3-matplotlib",
     "numpy": "python3-numpy",
     "pytest": "python3-pytest",
     "rich": "python3-rich",
-    "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "serial": "python3-serial",
     "sqlalchemy": "python3-sqlalchemy",
     "typing_extensions": "python3-typing-extensions",
     "yaml": "python3-yaml",
-    "zstandard": "python3-zstandard",
+    "zstandard": "softgrip_mcap_vendor",
 }
 #: Modules that no distribution packages, or whose package is heavy: imported inside a function of the file named, which
 #: says how to get them. File, module.
 OPTIONAL = {
+    ("softgrip_bag/lerobot.py", "pyarrow"),
+    ("softgrip_bag/nodes/commands/archive.py", "pyarrow"),
+    ("softgrip_bag/nodes/commands/export.py", "pyarrow"),
     ("softgrip_bag/rerun_file.py", "rerun"),
     ("softgrip_design/capture/detector.py", "mediapipe"),
     ("softgrip_design/parts/files.py", "lib3mf"),
     ("softgrip_design/parts/solid.py", "OCP"),
     ("softgrip_design/parts/solid.py", "build123d"),
     ("softgrip_design/parts/solid.py", "manifold3d"),
+    ("softgrip_sweep/pools.py", "dask"),
+    ("softgrip_sweep/pools.py", "distributed"),
     ("softgrip_testing/browser.py", "axe_selenium_python"),
     ("softgrip_testing/browser.py", "selenium"),
 }
-#: Folder, modules: what only the operator's page needs; softgrip_panel/nodes/panel.py says how to get them.
-OPTIONAL_FOLDERS = {"softgrip_panel/web": {"fastapi", "nicegui", "segno", "starlette", "uvicorn"}}
-#: CMake package or library -> rosdep key; OpenMP and threads come with the compiler.
+#: Folder, modules: what only the operator's page needs (softgrip_panel/nodes/panel.py says how to get them), and only
+#: an archive (softgrip_bag/extras.py).
+OPTIONAL_FOLDERS = {
+    "softgrip_panel/web": {"fastapi", "nicegui", "segno", "starlette", "uvicorn"},
+    "softgrip_bag/archive": {"duckdb", "fsspec", "pyarrow"},
+}
+#: CMake package or library -> rosdep key.
 LIBRARIES = {
     "Eigen3": "eigen",
     "Python": "python3-dev",
     "GTest": "gtest",
     "pybind11": "pybind11-dev",
-    "hwy": "libhwy-dev",
-    "metis": "libmetis-dev",
 }
+#: What CMake does without where it is not found: by sources (hwy), or plainer; test_vendored.py configures it so.
+#: OpenMP and threads come with the compiler.
+WITHOUT_KEY = {"OpenMP", "Threads", "hwy", "metis"}
 #: Namespace of a controller's type -> package that has it, where they differ. Source: ros2_controllers (branch jazzy),
 #: parallel_gripper_controller/ros_control_plugins.xml.
 CONTROLLERS_OF = {"parallel_gripper_action_controller": "parallel_gripper_controller"}
 #: What the packages with a C++ core build with.
 SHARED_CMAKE = WORKSPACE / "softgrip_cmake" / "cmake" / "softgrip_cmakeConfig.cmake"
-#: Keys and packages of Jazzy that package.xml files name, looked up in rosdep/*.yaml and jazzy/distribution.yaml of
-#: github.com/ros/rosdistro (snapshot of 22 Aug 2026). Any other one is in rosdep/softgrip.yaml or is a mistake.
-IN_ROSDISTRO = {
-    "action_msgs", "ament_cmake", "ament_cmake_lint_cmake", "ament_cmake_pytest", "ament_cmake_python",
-    "ament_cmake_xmllint", "ament_index_python", "ament_lint_auto",
-    "builtin_interfaces", "cmake", "compressed_image_transport", "control_msgs", "controller_manager",
-    "diagnostic_msgs", "dynamixel_sdk", "eigen", "geometry_msgs", "gtest", "joint_state_broadcaster",
-    "joint_state_topic_hardware_interface", "launch", "launch_testing", "launch_yaml", "lifecycle_msgs",
-    "parallel_gripper_controller", "pybind11-dev", "python3-cryptography", "python3-dev", "python3-gymnasium-pip",
-    "python3-hypothesis", "python3-jinja2", "python3-jsonschema", "python3-matplotlib", "python3-meshio",
-    "python3-mujoco-pip", "python3-numpy", "python3-opencv", "python3-pytest", "python3-pytest-timeout", "python3-rich",
-    "python3-rosbags-pip", "python3-scipy", "python3-serial", "python3-sqlalchemy", "python3-yaml",
-    "rcl_interfaces", "rclpy", "ros2launch", "rosgraph_msgs", "rosidl_default_generators",
-    "rosidl_default_runtime", "rosidl_interface_packages", "rviz2", "sensor_msgs", "std_msgs", "std_srvs",
-    "tf2_msgs", "trajectory_msgs", "visualization_msgs", "xacro",
-}  # fmt: skip
+
+
+def rosdistro() -> dict[str, set[str]]:
+    """Return the names of rosdistro.txt: keys that install with apt, keys that install with pip, packages of Jazzy."""
+    text = (Path(__file__).parent / "rosdistro.txt").read_text()
+    return {kind: set(body.split()) for kind, body in re.findall(r"^\[(\w+)\]\n([^\[]*)", text, re.MULTILINE)}
+
+
+ROSDISTRO = rosdistro()
+#: Workbenches that bloom does not release: it takes no key that installs with pip.
+NOT_RELEASED = {"softgrip_gym"}
 
 
 def declared(package: str, *kinds: str) -> set[str]:
@@ -126,19 +125,28 @@ def test_every_package_is_looked_at() -> None:
     assert len(PACKAGES) > 10
 
 
+def named_by(package: str) -> set[str]:
+    root = ET.parse(WORKSPACE / package / "package.xml").getroot()
+    return {element.text or "" for element in root if element.tag.endswith("depend")}
+
+
+def test_the_names_of_rosdistro_are_read() -> None:
+    assert {kind: len(names) > 400 for kind, names in ROSDISTRO.items()} == {"apt": True, "pip": True, "jazzy": True}
+    assert {"eigen", "python3-numpy"} <= ROSDISTRO["apt"]
+    assert "python3-gymnasium-pip" in ROSDISTRO["pip"]
+    assert "rclpy" in ROSDISTRO["jazzy"]
+    assert not {"libhwy-dev", "python3-lz4"} & set.union(*ROSDISTRO.values())
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_every_key_exists(package: str) -> None:
-    own = set(yaml.safe_load((ROOT / "rosdep" / "softgrip.yaml").read_text()))
-    root = ET.parse(WORKSPACE / package / "package.xml").getroot()
-    keys = {element.text for element in root if element.tag.endswith("depend")}
-    assert keys - set(PACKAGES) - own - IN_ROSDISTRO == set()
+    assert named_by(package) - set(PACKAGES) - set.union(*ROSDISTRO.values()) == set()
 
 
-def test_a_key_of_our_own_is_needed_and_not_in_rosdistro() -> None:
-    own = set(yaml.safe_load((ROOT / "rosdep" / "softgrip.yaml").read_text()))
-    used = {key for package in PACKAGES for key in declared(package, "build_depend", "exec_depend")}
-    assert own <= used
-    assert not own & IN_ROSDISTRO
+@pytest.mark.parametrize("package", sorted(set(PACKAGES) - NOT_RELEASED))
+def test_what_is_released_needs_no_pip(package: str) -> None:
+    """Dependencies of tests count: bloom makes them build dependencies of the Debian package."""
+    assert named_by(package) & (ROSDISTRO["pip"] | NOT_RELEASED) == set()
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -227,8 +235,11 @@ def test_what_launch_files_start_is_declared() -> None:
 
 
 DOCKERFILE = (ROOT / "docker" / "Dockerfile").read_text()
-#: What the image takes from apt by its name: no node or launch file needs it, so no package.xml has its key.
-ONLY_IN_THE_IMAGE = {"python3-pip", "python3-psycopg2", "ros-jazzy-rmw-cyclonedds-cpp", "ros-jazzy-rmw-zenoh-cpp"}
+#: What the image takes from apt by its name: no package.xml has a key for it, or none of them needs it.
+ONLY_IN_THE_IMAGE = {
+    "libhwy-dev", "libmetis-dev", "python3-lz4", "python3-pip", "python3-psycopg2", "python3-zstandard",
+    "ros-jazzy-rmw-cyclonedds-cpp", "ros-jazzy-rmw-zenoh-cpp",
+}  # fmt: skip
 
 
 def test_the_image_has_what_package_xml_declares_and_little_else() -> None:
@@ -248,11 +259,9 @@ def test_what_the_image_does_not_take_by_rosdep_it_pins_or_does_without() -> Non
     used = {key for package in PACKAGES for key in declared(package, "exec_depend")}
     assert skipped <= used
     pinned = set(re.findall(r"wanted = /\^\(([a-z|]+)\)==", text)[0].split("|"))
-    assert {f"python3-{name}-pip" for name in pinned} == {
-        key for key in skipped if key.endswith("-pip")
-    } - {"python3-gymnasium-pip", "python3-distributed-pip"}  # fmt: skip
+    assert pinned == {"mcap", *extras.MODULES}
     # none of a cell's own nodes: only what the two launch files for RViz and ros2_control start
-    assert skipped - {key for key in skipped if key.endswith("-pip")} <= declared("softgrip_bringup", "exec_depend")
+    assert skipped - ROSDISTRO["pip"] <= declared("softgrip_bringup", "exec_depend")
 
 
 def found_by_shared_functions(text: str) -> set[str]:
@@ -280,8 +289,8 @@ def test_every_library_of_cmake_is_declared(package: str) -> None:
     )
     keys = declared(package, "depend", "build_depend", "buildtool_depend", "test_depend")
     found = set(re.findall(r"find_package\((\w+)", text)) | found_by_shared_functions(text)
-    found -= {"OpenMP", "Threads"}
-    found |= {name for name in ("hwy", "metis") if re.search(rf"find_(?:library|path)\([^)]*\b{name}\b", text)}
+    found |= set(re.findall(r"find_library\(\w+ (\w+)", text))
+    found -= WITHOUT_KEY
     missing = [name for name in sorted(found) if LIBRARIES.get(name, name) not in keys]
     assert missing == []
 
@@ -291,8 +300,11 @@ def test_a_package_can_go_into_an_index(package: str) -> None:
     """What bloom and the index ask for: a licence with its text, a maintainer, a description, one version for all."""
     folder = WORKSPACE / package
     root = ET.parse(folder / "package.xml").getroot()
-    assert root.findtext("license") == "Apache-2.0"
+    vendored = {"softgrip_mcap_vendor": ["MIT", "BSD-3-Clause"]}  # of what it builds
+    assert [one.text for one in root.iter("license")] == ["Apache-2.0", *vendored.get(package, [])]
     assert (folder / "LICENSE").read_text() == (ROOT / "LICENSE").read_text()
     assert "@" in root.find("maintainer").get("email")
     assert (root.findtext("description") or "").strip().endswith(".")
     assert re.fullmatch(r"\d+\.\d+\.\d+", root.findtext("version") or "")  # one for all: test_changelog.py
+    for page in folder.rglob("*.md"):  # docs.ros.org has the package alone
+        assert "](.." not in page.read_text(), page

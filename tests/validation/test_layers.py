@@ -30,6 +30,7 @@ MAY_IMPORT = {
     "softgrip_bringup": set(),
     "softgrip_panel": {"softgrip_driver", "softgrip_model", "softgrip_time", "softgrip_vision"},
     "softgrip_cmake": set(),
+    "softgrip_mcap_vendor": set(),
     "softgrip_security": set(),
     "softgrip_testing": {
         "softgrip_bag",

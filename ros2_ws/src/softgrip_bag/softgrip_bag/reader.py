@@ -7,6 +7,7 @@ Finished files are read through their index; files that were cut off give all th
 from __future__ import annotations
 
 import functools
+import hashlib
 import heapq
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
@@ -21,6 +22,9 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema, Statist
 
 from softgrip_bag import indexed, mcap_file, salvage
 from softgrip_bag.errors import BagError
+
+_DIGITS = 16
+_BLOCK = 1 << 20  # [byte] read at a time
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,20 @@ def bag_files(bag: Path) -> list[Path]:
     if not files or not all(file.is_file() for file in files):
         raise BagError(f"expected a bag (a folder with .mcap files, or one such file), found none at {bag}")
     return files
+
+
+def bag_digest(bag: Path) -> str:
+    """Return the first 16 digits of the SHA-256 of a bag's MCAP files, in their order.
+
+    Raises:
+        BagError: there is no bag.
+    """
+    total = hashlib.sha256()
+    for path in bag_files(bag):
+        with path.open("rb") as stream:
+            while block := stream.read(_BLOCK):
+                total.update(block)
+    return total.hexdigest()[:_DIGITS]
 
 
 def read(bag: Path, topics: Collection[str] | None = None) -> Iterator[RawMessage]:

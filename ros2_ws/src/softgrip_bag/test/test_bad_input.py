@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pyarrow import parquet
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.commands import export, info, play, replay, report
@@ -144,6 +143,7 @@ def test_a_broken_bag_that_may_not_be_written_is_still_read(tmp_path: Path, monk
 
 def test_tables_hold_every_field_of_every_message(tmp_path: Path) -> None:
     bag = make(tmp_path / "bag")
+    parquet = pytest.importorskip("pyarrow.parquet")
     for form, arguments in (("csv", ["--csv"]), ("parquet", ["--parquet"])):
         assert export.main([str(bag), *arguments, "-o", str(tmp_path / form)]) == 0
     with (tmp_path / "csv" / "a.csv").open() as stream:

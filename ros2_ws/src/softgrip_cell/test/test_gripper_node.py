@@ -483,6 +483,31 @@ def test_a_stream_of_joint_commands_moves_the_hand_and_its_state_comes_back(
     assert state.effort[0] == pytest.approx(4.5)
 
 
+@pytest.mark.parametrize("profile", ["power", "pinch", "hook"])
+def test_every_set_follows_the_commands_of_ros2_control_over_its_own_range(
+    make: Callable[..., Bench], profile: str
+) -> None:
+    """parallel_gripper_controller restarted after a swap: where the hand stands, then goals within the new range."""
+    profiles = load_directory(shipped_directory())
+    slots = [slot for slot in SLOTS if slot in profiles[profile].slots]
+    opening = gripper_opening(shipped_hand(), profiles, dict.fromkeys(slots, profile))
+    bench = make()
+    mounted = [MountedFinger(finger=slot, serial="x", profile=profile, state=MountedFinger.VERIFIED) for slot in slots]
+    bench.cell.publish(CellState(mode=CellState.IDLE, mounted=mounted))
+    bench.until(lambda: bench.states[-1].position[0] == pytest.approx(opening.max_m, abs=1e-6))
+    heard(bench, bench.states[-1].position[0])
+    assert bench.tendons.orders == []
+    for share in (0.5, 0.05, 0.95):
+        position_m = opening.min_m + share * (opening.max_m - opening.min_m)
+        bench.until(lambda at=position_m: not stream(bench, at) and abs(bench.states[-1].position[0] - at) < 0.0005)
+        order = bench.tendons.orders[-1]
+        assert list(order.tendons) == slots
+        assert order.targets[0] == pytest.approx(opening.pulled_length_m(position_m))
+    orders = len(bench.tendons.orders)
+    bench.until(lambda: not stream(bench, opening.max_m + 0.01) and bench.said("position: expected"))
+    assert len(bench.tendons.orders) == orders
+
+
 def test_a_controller_that_becomes_active_takes_the_hand_from_nobody(make: Callable[..., Bench], opening: Any) -> None:
     """It commands where the gripper stands; the manager holds a product there."""
     bench = make()

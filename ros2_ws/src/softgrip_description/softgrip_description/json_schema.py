@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a value breaks of a JSON schema (2020-12), in words: the keywords that data/*.schema.json use, and no others.
+"""What a value breaks of a JSON schema (2020-12), in words: the keywords that the schemas in data use, and no others.
 
 A schema is the one truth of its format: editors complete and check a file with it, and so does `find_problems`.
 """

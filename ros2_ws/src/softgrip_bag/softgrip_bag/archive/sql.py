@@ -20,6 +20,23 @@ from softgrip_bag.archive.tables import SCHEMAS
 from softgrip_bag.errors import BagError
 
 
+def ask(archive: Archive, question: str) -> tuple[list[str], list[tuple[Any, ...]]]:
+    """Return the names of an answer's columns, and its rows.
+
+    Args:
+        archive: what is asked.
+        question: SQL, or the name of a shipped question.
+
+    Raises:
+        BagError: there is no archive there, it cannot be read, or the SQL is wrong.
+    """
+    try:
+        result = connect(archive).execute(shipped_queries().get(question, question))
+        return [column[0] for column in result.description or ()], result.fetchall()
+    except duckdb.Error as error:
+        raise BagError(f"{error}\nAsk for one of {', '.join(shipped_queries())}, or in SQL") from error
+
+
 def connect(archive: Archive) -> duckdb.DuckDBPyConnection:
     """Return a connection with a view of every table and topic of an archive.
 

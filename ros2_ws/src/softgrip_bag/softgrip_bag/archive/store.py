@@ -12,7 +12,6 @@ leaves nothing that counts, and two machines may add to one archive at a time.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -29,7 +28,7 @@ from softgrip_bag.archive.columns import message_row, message_schema
 from softgrip_bag.cell_namespace import cell_namespace
 from softgrip_bag.definition import decode, parse_definitions
 from softgrip_bag.errors import BagError
-from softgrip_bag.reader import TopicSummary, bag_files, read, topic_summaries
+from softgrip_bag.reader import TopicSummary, bag_digest, read, topic_summaries
 from softgrip_bag.repair import is_being_written, is_broken
 from softgrip_time.units import to_s
 
@@ -38,7 +37,6 @@ SCHEMA = 1
 ROWS = 20_000
 #: The cell whose nodes have no namespace.
 ROOT_CELL = "root"
-_DIGITS = 16
 _BLOCK = 1 << 20
 
 
@@ -203,20 +201,6 @@ def place_options(given: Iterable[str]) -> dict[str, str]:
     if wrong:
         raise BagError(f"--option: expected NAME=VALUE, found {wrong[0]!r}")
     return {name: value for name, _, value in pairs}
-
-
-def bag_digest(bag: Path) -> str:
-    """Return the first 16 digits of the SHA-256 of a bag's MCAP files, in their order.
-
-    Raises:
-        BagError: there is no bag.
-    """
-    total = hashlib.sha256()
-    for path in bag_files(bag):
-        with path.open("rb") as stream:
-            while block := stream.read(_BLOCK):
-                total.update(block)
-    return total.hexdigest()[:_DIGITS]
 
 
 def _rows(bag: Path, topic: TopicSummary, digest: str) -> Iterator[dict[str, Any]]:

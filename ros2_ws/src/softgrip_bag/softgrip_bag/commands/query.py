@@ -7,23 +7,22 @@ import argparse
 import csv
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import duckdb
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from softgrip_bag.archive import Archive, connect, place_options, shipped_queries
 from softgrip_bag.errors import BagError
+from softgrip_bag.extras import importing
 
 _DIGITS = 4
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point: 0, or 2 when there is no archive or no such question."""
+    """Entry point: 0, or 2 when there is no archive, no such question or no DuckDB."""
     parser = argparse.ArgumentParser(
         prog="ros2 run softgrip_bag query",
         description=__doc__,
@@ -41,19 +40,16 @@ def main(args: Sequence[str] | None = None) -> int:
     form.add_argument("--json", action="store_true", help="print one JSON object a row")
     form.add_argument("--plot", type=Path, metavar="FILE", help="draw numbers over the first column (.svg, .png, .pdf)")
     options = parser.parse_args(args)
-    if options.list:
-        return _list()
-    if options.question is None or options.place is None:
+    if not options.list and (options.question is None or options.place is None):
         parser.error("expected a question and --in PLACE")
     try:
-        question = shipped_queries().get(options.question, options.question)
-        result = connect(Archive(options.place, place_options(options.option))).execute(question)
-        names, rows = [column[0] for column in result.description or ()], result.fetchall()
-        _show(options, names, rows)
+        with importing("query"):
+            from softgrip_bag.archive import Archive, ask, place_options, shipped_queries  # noqa: PLC0415  an extra
+        if options.list:
+            return _list(shipped_queries())
+        _show(options, *ask(Archive(options.place, place_options(options.option)), options.question))
     except BagError as error:
         print(error, file=sys.stderr)
-    except duckdb.Error as error:
-        print(f"{error}\nAsk for one of {', '.join(shipped_queries())}, or in SQL", file=sys.stderr)
     except OSError as error:
         print(f"{options.plot or options.place}: {error}", file=sys.stderr)
     else:
@@ -61,9 +57,9 @@ def main(args: Sequence[str] | None = None) -> int:
     return 2
 
 
-def _list() -> int:
+def _list(questions: Mapping[str, str]) -> int:
     table = Table("question", "answers")
-    for name, text in shipped_queries().items():
+    for name, text in questions.items():
         table.add_row(name, escape(text.splitlines()[0].removeprefix("--").strip()))
     Console().print(table)
     return 0

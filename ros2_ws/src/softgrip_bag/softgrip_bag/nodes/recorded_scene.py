@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
-from softgrip_bag.archive.store import bag_digest
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.digest import digest
 from softgrip_bag.nodes.messages import message_class, stamp_of
 from softgrip_bag.nodes.recorded_bag import RecordedBag
-from softgrip_bag.reader import attachments
+from softgrip_bag.reader import attachments, bag_digest
 from softgrip_bag.scene import Curve, FingerBase, FingerPosture, RecordedScene, SceneEvent, finger_points
 from softgrip_model.profile import Profile, ProfileError, load_directory, loads, shipped_directory
 

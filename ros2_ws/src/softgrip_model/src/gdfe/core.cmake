@@ -1,8 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-find_library(HWY_LIBRARY hwy)
-find_path(HWY_INCLUDE_DIR hwy/highway.h)
-if(NOT HWY_LIBRARY OR NOT HWY_INCLUDE_DIR)
-  message(FATAL_ERROR "softgrip_model needs Highway, SIMD with dispatch at run time. Type: sudo apt-get install libhwy-dev")
+# SIMD with dispatch at run time: the system's Highway, else its sources, since rosdistro has no key for it
+find_package(hwy 1.0 QUIET)
+if(NOT hwy_FOUND)
+  message(STATUS "Highway not found (apt-get install libhwy-dev): its sources are built")
+  if(POLICY CMP0135)
+    cmake_policy(SET CMP0135 NEW)
+  endif()
+  set(CMAKE_POLICY_DEFAULT_CMP0077 NEW)  # what is set here and in softgrip_setup holds in its CMakeLists, too
+  if(NOT DEFINED BUILD_TESTING)
+    set(BUILD_TESTING OFF)
+  endif()
+  foreach(unused CONTRIB EXAMPLES INSTALL TESTS)
+    set(HWY_ENABLE_${unused} OFF CACHE BOOL "" FORCE)
+  endforeach()
+  set(HWY_FORCE_STATIC_LIBS ON)
+  include(FetchContent)
+  FetchContent_Declare(highway URL https://github.com/google/highway/archive/refs/tags/1.0.7.tar.gz
+    URL_HASH SHA256=5434488108186c170a5e2fca5e3c9b6ef59a1caa4d520b008a9b8be6b8abe6c5)  # as in Ubuntu 24.04
+  FetchContent_MakeAvailable(highway)
+  add_library(hwy::hwy ALIAS hwy)
+  set_target_properties(hwy PROPERTIES POSITION_INDEPENDENT_CODE ON)
 endif()
 softgrip_core(gdfe SUBPACKAGE gdfe BINDING src/gdfe/binding.cpp
   SOURCES src/gdfe/aggregation.cpp src/gdfe/anderson.cpp src/gdfe/anderson_passes.cpp src/gdfe/assembly.cpp
@@ -14,8 +31,8 @@ softgrip_core(gdfe SUBPACKAGE gdfe BINDING src/gdfe/binding.cpp
   src/gdfe/section_level.cpp src/gdfe/sections.cpp src/gdfe/simd.cpp src/gdfe/solver.cpp src/gdfe/stream.cpp
   src/gdfe/tangent.cpp src/gdfe/unknowns.cpp)
 # Highway compiles a file again for every instruction set: it includes it by its path in the package
-target_include_directories(gdfe_needs INTERFACE ${CMAKE_CURRENT_SOURCE_DIR} ${HWY_INCLUDE_DIR})
-target_link_libraries(gdfe_needs INTERFACE ${HWY_LIBRARY})
+target_include_directories(gdfe_needs INTERFACE ${CMAKE_CURRENT_SOURCE_DIR})
+target_link_libraries(gdfe_needs INTERFACE hwy::hwy)
 
 # Vectors are kept in arrays: not possible with the sizeless types of SVE and RVV, which run NEON or scalar code.
 target_compile_definitions(gdfe_needs INTERFACE

@@ -10,9 +10,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from softgrip_bag.archive.store import bag_digest
 from softgrip_bag.errors import BagError
-from softgrip_bag.reader import attachments
+from softgrip_bag.reader import attachments, bag_digest
 from softgrip_sweep.errors import SweepError
 from softgrip_sweep.task import SweepTask
 

@@ -7,21 +7,24 @@ import argparse
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pyarrow as pa
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from softgrip_bag.archive import Added, Archive, place_options
-from softgrip_bag.archive.tables import story_tables
 from softgrip_bag.errors import BagError
+from softgrip_bag.extras import importing
 from softgrip_bag.nodes.digest import digest
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from softgrip_bag.archive import Added
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Entry point: 0, 1 when a bag was skipped, 2 when the archive cannot be written."""
+    """Entry point: 0, 1 when a bag was skipped, 2 when the archive cannot be written or an extra is missing."""
     parser = argparse.ArgumentParser(
         prog="ros2 run softgrip_bag archive",
         description=__doc__,
@@ -36,6 +39,8 @@ def main(args: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(args)
     try:
+        with importing("archive"):
+            from softgrip_bag.archive import Archive, place_options  # noqa: PLC0415  an extra
         archive = Archive(options.to, place_options(options.option))
         found = list(_bags(options.bags))
         steps = track(found, "archive", console=Console(stderr=True), disable=not sys.stderr.isatty())
@@ -51,6 +56,8 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _tables(bag: Path, bag_digest: str) -> Mapping[str, pa.Table]:
+    from softgrip_bag.archive.tables import story_tables  # noqa: PLC0415  an extra
+
     return story_tables(bag, bag_digest, digest(bag))
 
 

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import track
 
 from softgrip_bag.errors import BagError
+from softgrip_bag.extras import importing
 from softgrip_bag.nodes.messages import flat, message_class, tree
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 
@@ -75,8 +76,9 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _write_dataset(bags: Sequence[Path], folder: Path, rate_hz: int) -> None:
     """Write the episodes of bags as one dataset; a bag without one is named and left out."""
-    from softgrip_bag.lerobot import write_lerobot  # noqa: PLC0415  a second that tables need not wait for
-    from softgrip_bag.nodes.recorded_episodes import recorded_episodes  # noqa: PLC0415  as above
+    with importing("LeRobot's format"):
+        from softgrip_bag.lerobot import write_lerobot  # noqa: PLC0415  an extra
+    from softgrip_bag.nodes.recorded_episodes import recorded_episodes  # noqa: PLC0415  a second that tables need not wait for
 
     episodes = []
     for bag in track(bags, "reading", console=Console(stderr=True), disable=not sys.stderr.isatty()):
@@ -132,8 +134,9 @@ def write(bag: RecordedBag, topic: str, folder: Path, *, parquet: bool) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{topic.strip('/').replace('/', '.')}.{'parquet' if parquet else 'csv'}"
     if parquet:
-        import pyarrow as pa  # noqa: PLC0415  half a second that the CSV export need not pay
-        from pyarrow import parquet as files  # noqa: PLC0415  as above
+        with importing("Parquet"):
+            import pyarrow as pa  # noqa: PLC0415  an extra
+            from pyarrow import parquet as files  # noqa: PLC0415  as above
 
         files.write_table(pa.table({name: [row.get(name) for row in table] for name in columns}), path)
     else:
