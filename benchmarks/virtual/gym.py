@@ -25,6 +25,7 @@ from softgrip_description.mjcf import mjcf_of
 from softgrip_gym import GraspPolicy, GraspProduct
 from softgrip_gym.cross_entropy import run_episode
 from softgrip_gym.tendons import PERIOD_S
+from softgrip_model.finger import JointModel
 from softgrip_model.profile import load_directory, shipped_directory
 from softgrip_sweep.intervals import wilson
 from softgrip_testing.benchmark_claim import claim
@@ -52,12 +53,12 @@ def environment_rate() -> float:
     return rate(lambda: env.step(action) and None)
 
 
-def mujoco_rate() -> float:
+def mujoco_rate(joint_model: JointModel) -> float:
     """Return how many periods of an action MuJoCo steps the exported hand through a second."""
     profile = load_directory(shipped_directory())["power"]
     hand = shipped_hand()
     mounted = {slot: (profile.id, profile.finger(slot)) for slot in hand.slots}
-    model = mujoco.MjModel.from_xml_string(mjcf_of(hand, mounted, profile.material))
+    model = mujoco.MjModel.from_xml_string(mjcf_of(hand, mounted, profile.material, joint_model=joint_model))
     data = mujoco.MjData(model)
     steps = round(PERIOD_S / model.opt.timestep)
     return rate(lambda: mujoco.mj_step(model, data, nstep=steps))
@@ -103,11 +104,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cells", type=int, default=UNSEEN_CELLS, help="unseen cells, twelve products each")
     options = parser.parse_args()
-    ours, theirs = environment_rate(), mujoco_rate()
+    ours, theirs, flexures = environment_rate(), mujoco_rate(JointModel.HINGE), mujoco_rate(JointModel.FLEXURE)
     claim(
         "steps rate", ours, "1/s", better="higher", goal=None, runs=1,
-        peer="MuJoCo's step of the exported hand, without servos, driver and product", peer_value=theirs,
-        note=f"50 ms of the cell a step, by processor time; FingerReach-v0 by the clock {processes(1):.0f} steps a "
+        peer="MuJoCo's step of the exported hand with hinges, without servos, driver and product", peer_value=theirs,
+        note="50 ms of the cell a step, by processor time; "
+        f"MuJoCo's hand of flexures {flexures:.0f}; FingerReach-v0 by the clock {processes(1):.0f} steps a "
         f"second in one process, {processes(2):.0f} in two",
     )  # fmt: skip
     products = [name for name, one in read_catalogue().products.items() if one.marks.get("power") is TableMark.SUCCESS]

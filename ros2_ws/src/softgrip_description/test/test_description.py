@@ -32,6 +32,13 @@ def mounted(profile: Profile) -> dict:
     return {slot: (profile.id, profile.finger(slot)) for slot in profile.slots}
 
 
+def hinged(profile: Profile) -> mujoco.MjModel:
+    """The exported hand with one hinge a joint."""
+    return mujoco.MjModel.from_xml_string(
+        mjcf_of(shipped_hand(), mounted(profile), profile.material, joint_model=JointModel.HINGE)
+    )
+
+
 def closings(profile: Profile, slot: str, joint_model: JointModel = JointModel.HINGE):
     """Pulled lengths with the kernel's equilibria: every tenth of a millimetre up to 15 mm."""
     kernel = Kernel([Finger.from_profile(profile, slot, joint_model)], FrictionLaw(Law.CAPSTAN, (0.1,), 2.0))
@@ -62,7 +69,7 @@ def test_the_tip_of_the_urdf_is_the_kernels(profile: Profile, joint_model: Joint
 
 
 def test_mujocos_tendons_shorten_by_the_pulled_length(profile: Profile) -> None:
-    model = mujoco.MjModel.from_xml_string(mjcf_of(shipped_hand(), mounted(profile), profile.material))
+    model = hinged(profile)
     data = mujoco.MjData(model)
 
     def length_m(slot: str) -> float:
@@ -81,7 +88,7 @@ def test_mujocos_tendons_shorten_by_the_pulled_length(profile: Profile) -> None:
 
 def test_mujocos_frictionless_rest_stiffness_is_the_kernels_for_small_closings(profile: Profile) -> None:
     """A small tension, no friction: angles within 5 %, since the kernel's modulus falls with strain."""
-    model = mujoco.MjModel.from_xml_string(mjcf_of(shipped_hand(), mounted(profile), profile.material))
+    model = hinged(profile)
     model.opt.gravity[:] = 0.0
     data = mujoco.MjData(model)
     tension_n = 0.05

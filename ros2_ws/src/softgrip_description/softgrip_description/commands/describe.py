@@ -14,6 +14,7 @@ from softgrip_description.mjcf import mjcf_of
 from softgrip_description.solids import base_outline, link_outline, prism_triangles, stl_of
 from softgrip_description.urdf import MeshUri, urdf_of
 from softgrip_description.xacro_macro import macro_of
+from softgrip_model.finger import JointModel
 from softgrip_model.profile import FingerDesign, ProfileError, load, shipped_directory
 
 EPILOG = """examples:
@@ -53,7 +54,8 @@ def describe(options: argparse.Namespace) -> str:
     profile = load(profile_path(options.profile))
     fingers = {slot: (profile.id, profile.finger(slot)) for slot in profile.slots}
     if options.format == "mjcf":
-        return mjcf_of(hand, fingers, profile.material, prefix=options.prefix)
+        model = JointModel(options.joint_model)
+        return mjcf_of(hand, fingers, profile.material, prefix=options.prefix, joint_model=model)
     mesh_uri = _mesh_uri(options.meshes, {slot: design for slot, (_, design) in fingers.items()})
     if options.format == "xacro":
         return macro_of(hand, profile, mesh_uri=mesh_uri)
@@ -97,6 +99,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("profile", help="id of a shipped profile, or a profile file")
     parser.add_argument("--hand", type=Path, help="hand file (default: the shipped hand)")
     parser.add_argument("--format", choices=("urdf", "xacro", "mjcf"), default="urdf", help="default: %(default)s")
+    parser.add_argument(
+        "--joint-model",
+        choices=[model.value for model in JointModel],
+        default=JointModel.FLEXURE.value,
+        help="mjcf: strips that bend, shorten and shear, or one hinge a joint, which is stepped faster; "
+        "default: %(default)s",
+    )
     parser.add_argument("--prefix", default="", help="before every link and joint name, for several hands in one tree")
     parser.add_argument("--meshes", type=Path, help="write STL meshes to this folder and refer to them (urdf, xacro)")
     parser.add_argument("--output", type=Path, help="file to write (default: standard output)")

@@ -4,6 +4,7 @@
 Start with `Finger.from_profile(profile, "index")` and `close(finger, law, pulled_mm)`.
 """
 
+from softgrip_model.finger.compliance import JointCompliance, compliances
 from softgrip_model.finger.design import FRICTIONLESS, Finger, JointModel, MomentLaw, Strip
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.flexure import FlexureStudy
@@ -18,6 +19,7 @@ __all__ = [
     "FingerError",
     "FlexureStudy",
     "Gradient",
+    "JointCompliance",
     "JointLimit",
     "JointModel",
     "Kernel",
@@ -29,6 +31,7 @@ __all__ = [
     "Status",
     "Strip",
     "close",
+    "compliances",
     "follow",
     "reason",
     "sphere",

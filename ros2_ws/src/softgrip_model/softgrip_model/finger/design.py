@@ -16,7 +16,7 @@ from softgrip_model.finger import _core
 from softgrip_model.finger.errors import FingerError
 from softgrip_model.finger.flexure import FLEXURE_STUDY, FlexureStudy
 from softgrip_model.friction.laws import FrictionLaw, Law, k_index, law_index
-from softgrip_model.profile import Profile
+from softgrip_model.profile import FingerDesign, Material, Profile
 
 MAX_JOINTS: int = _core.MAX_JOINTS
 
@@ -151,8 +151,19 @@ class Finger:
         Raises:
             ProfileError: the profile has none for that slot.
         """
-        design, material, cable = profile.finger(slot), profile.material, profile.cable
+        cable = profile.cable
         stiffness = cable.axial_stiffness_n
+        return dataclasses.replace(
+            cls.from_design(profile.finger(slot), profile.material, joint_model),
+            compliance_per_n=0.0 if stiffness is None else 1.0 / stiffness,
+            lead_mm=1e3 * cable.lead_length_m,
+        )
+
+    @classmethod
+    def from_design(
+        cls, design: FingerDesign, material: Material, joint_model: JointModel = JointModel.FLEXURE
+    ) -> Finger:
+        """Return a finger as it was designed, printed of a material, with a cable that does not stretch."""
         return cls(
             link_mm=_mm(design.link_lengths_m),
             thickness_mm=_mm(design.thicknesses_m),
@@ -170,8 +181,6 @@ class Finger:
             ),
             opening_rad=design.openings_rad,
             base_mm=1e3 * design.base_length_m,
-            compliance_per_n=0.0 if stiffness is None else 1.0 / stiffness,
-            lead_mm=1e3 * cable.lead_length_m,
             joint_model=joint_model,
             body_mm=1e3 * design.body_height_m,
         )

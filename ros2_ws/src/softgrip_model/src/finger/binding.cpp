@@ -249,6 +249,25 @@ py::tuple strip_moment(const sf::Design& d, int joint, double q) {
   return py::make_tuple(moment.value_Nmm, moment.d_angle, strip.d_thickness(q));
 }
 
+// What gives in a finger of mode F when nothing is loaded. Compliances as (mm, mn, mv, nn, nv, vv); for each joint
+// those of the root before it, of the link before that, of the root beyond, of the link beyond; then strips and tip.
+py::tuple flexures(const sf::Design& d) {
+  if (!sf::sound(d)) throw std::invalid_argument("impossible design");
+  const sf::FlexureSides sides(d);
+  auto values = [](const sf::ComplianceOf<sf::ShapeJet>& c) {
+    return Numbers{c.mm.value, c.mn.value, c.mv.value, c.nn.value, c.nv.value, c.vv.value};
+  };
+  std::vector<std::vector<Numbers>> joints;
+  std::vector<Numbers> strips;
+  for (int j = 0; j < d.joints; ++j) {
+    const sf::JointSide &entry = sides.entry[j], &exit = sides.exit[j];
+    joints.push_back({values(entry.root), values(entry.link), values(exit.root), values(exit.link)});
+    const double h = d.thickness_mm[j], area = h * d.width_mm[j], modulus = sf::flexure_modulus_MPa(d, j);
+    strips.push_back({d.study.strip * modulus * area * h * h / 12.0, modulus * area, sf::shear_modulus_MPa(d) * area});
+  }
+  return py::make_tuple(joints, strips, values(sides.tip));
+}
+
 }  // namespace
 
 PYBIND11_MODULE(_core, module) {
@@ -280,6 +299,7 @@ PYBIND11_MODULE(_core, module) {
   module.def("groove", &groove);
   module.def("bends", &bends);
   module.def("strip_moment", &strip_moment);
+  module.def("flexures", &flexures);
   py::class_<Fingers>(module, "Fingers")
       .def(py::init<std::vector<sf::Design>, std::vector<fr::Model>>())
       .def("varied", &Fingers::varied)
