@@ -136,9 +136,7 @@ def measure_direction(
             backend.disconnect()
 
     try:
-        return find_direction(
-            lambda direction: _end_of_spool(find_end, direction, pull.tension_n, max_n), pull.reach_m
-        )
+        return find_direction(lambda direction: _end_of_spool(find_end, direction, pull.tension_n, max_n), pull.reach_m)
     except ConfigurationError as error:
         raise ConfigurationError(f"{servo.tendon}: {error}") from error
 
