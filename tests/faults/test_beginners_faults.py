@@ -8,6 +8,7 @@ when the fault is cleared.
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,10 +21,23 @@ from softgrip_demo.first_run.camera_steps import BenchCamera
 from softgrip_demo.first_run.checklist import Checklist, CheckStep
 from softgrip_demo.first_run.figures import StepReport, StepStatus
 from softgrip_demo.first_run.record import load_record
-from softgrip_description.cell_file import CellCamera, CellFile, ChainServo, ServoChain
+from softgrip_description.cell_file import (
+    CellCamera,
+    CellFile,
+    CellRig,
+    ChainServo,
+    RigGauge,
+    RigStage,
+    ServoChain,
+    load_cell,
+    save_cell,
+)
+from softgrip_driver.commands.person import GivenAnswers, WrittenAnswers
+from softgrip_driver.commands.wizard import SECTION_OPTIONS
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.wizard.drive_setup import drive_setup
 from softgrip_driver.wizard.naming import find_new_servo
+from softgrip_driver.wizard.sections import CellSections, FoundDevices
 from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.dynamixel.servo import FACTORY_BAUD, FACTORY_ID
 from softgrip_emulator.plant.cell import ServoPlace
@@ -144,6 +158,32 @@ def test_two_new_servos_at_once_are_named(tmp_path: Path) -> None:
             find_new_servo(drive_setup(None), str(bench.wires / "servos"), 1_000_000, (), clock)
     finally:
         bench.cell.close()
+
+
+def test_what_the_page_tells_the_wizard_of_camera_and_rig_is_so(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The options of the page's wizard command; stage and gauge have answered over their wires."""
+    monkeypatch.chdir(tmp_path)
+    line = next(
+        text for text in PAGE.read_text(encoding="utf-8").replace("\\\n", " ").splitlines() if " wizard " in text
+    )
+    words = shlex.split(line)
+    given = {
+        key: words[words.index(option) + 1]
+        for key in SECTION_OPTIONS
+        if (option := "--" + key.replace(".", "-")) in words
+    }
+    assert {*given} == {"camera", "camera.calibration", "stage", "stage.kind", "gauge", "gauge.kind"}
+    person = GivenAnswers(given, WrittenAnswers({}, takes_defaults=True))
+    clock = SimulatedClock(bench.wires / "time", "bench")
+    cell = CellFile("real")
+    for _, fill in [*CellSections(person, FoundDevices(), tmp_path, clock).missing(cell)]:
+        cell = fill(cell)
+    assert cell.rig == CellRig(RigStage("mark10", "wires/stand"), RigGauge("gcl2", "wires/gauge"))
+    assert cell.camera == CellCamera("@wires/camera.url", tmp_path / "wires/camera_calibration.yaml")
+    save_cell(cell, tmp_path / "cell.yaml")
+    assert load_cell(tmp_path / "cell.yaml") == cell
 
 
 def test_an_adapter_may_have_its_16_ms_from_the_start(tmp_path: Path) -> None:

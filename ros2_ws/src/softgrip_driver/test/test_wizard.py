@@ -173,7 +173,9 @@ def test_feetech_servos_are_led_the_same_way(fresh):
         ("index", "STS3215", 2, 1), ("middle", "STS3215", 3, -1), ("thumb", "STS3215", 4, 1),
     ]  # fmt: skip
     for servo, true_m in zip(cell.servos.chain, slack_m(bench.plant), strict=True):
-        assert servo.slack_m == pytest.approx(true_m, abs=2e-3)
+        # its gears hide some 6 N, by which a finger closes before it is felt
+        assert servo.slack_m == pytest.approx(true_m, abs=3e-3)
+        assert servo.slack_m == pytest.approx(0.005, abs=1e-3)
     assert bench.powered() == [0, 0, 0]
     # none has 1, with which the next new one comes at the same rate
     assert "ID is now 2, EPROM locked" in hands.text

@@ -8,6 +8,8 @@ import pytest
 from softgrip_emulator.dynamixel.packets import ALERT, Instruction, Packet, StatusError
 from softgrip_emulator.dynamixel.servo import REBOOT_SILENCE_S, EmulatedHardwareError, EmulatedServo
 from softgrip_emulator.dynamixel.table import available_models, load_model
+from softgrip_emulator.errors import EmulatorError
+from softgrip_emulator.servos import factory_settings
 
 MODELS = available_models()
 WITHOUT_CURRENT = ["xc430_w150", "xc430_w240", "xl430_w250"]
@@ -389,3 +391,11 @@ def test_a_profile_reaches_its_goal_in_the_time_the_trapezoid_takes(write):
     speed = 100 * 0.229 / 60  # rev/s
     acceleration = 20 * 214.577 / 3600  # rev/s^2
     assert steps * 1e-3 == pytest.approx(1.0 / speed + speed / acceleration, rel=0.02)
+
+
+def test_servos_come_with_their_makers_settings():
+    """e-manual, items 7 and 8; Feetech, memory table, items 5 and 6; a Damiao motor's is set with the maker's tool."""
+    assert factory_settings("XL330-M288") == (1, 57_600)
+    assert factory_settings("STS3215") == (1, 1_000_000)
+    with pytest.raises(EmulatorError, match="expected servos that get their IDs over the bus"):
+        factory_settings("DM-J4310-2EC")

@@ -20,7 +20,7 @@ HELD_SPEED_M_S, HELD_FOR_S = 1e-3, 0.25
 BEYOND_M = 0.003
 #: a spool that turned less than this [m] may be held by its gears: it is pulled again, by so much more, up to so many
 #: times what homing wants of the gears
-STUCK_M, PULL_GROWTH, PULL_SHARE = 1e-3, 1.5, 1.3
+STUCK_M, PULL_GROWTH, PULL_SHARE = 1e-3, 1.25, 1.3
 _READ_TIMEOUT_S = 1.0
 
 
@@ -32,11 +32,13 @@ class SpoolPull:
         reach_m: [m] longest way.
         speed_m_s: [m/s] of the tendon.
         tension_n: [N] limit, above what turns the gears.
+        back_tension_n: [N] limit on the way back to where it began; at least ``tension_n``.
     """
 
     reach_m: float = 0.02
     speed_m_s: float = 0.01
     tension_n: float = 2.0
+    back_tension_n: float = 0.0
 
     def find_end(self, backend: SetupBackend) -> float | None:
         """Wind in from here; return the way [m] after which something held it, None where nothing did within reach.
@@ -81,10 +83,12 @@ class SpoolPull:
     def _pay_out(self, backend: SetupBackend, to: float) -> None:
         (name,), clock = backend.tendons, backend.bus.clock
         here = read_drive(backend).position
-        began, deadline = clock.now_s(), clock.now_s() + 2.0 * abs(here - to) / self.speed_m_s + 2.0
+        began, deadline = clock.now_s(), clock.now_s() + 4.0 * abs(here - to) / self.speed_m_s + 2.0
+        # A duty cycle that is limited for a light pull leaves the back-EMF of a geared motor little to turn with.
+        limit_n = max(self.tension_n, self.back_tension_n)
         while read_drive(backend).position > to + HELD_SPEED_M_S * HELD_FOR_S and clock.now_s() < deadline:
             goal = max(to, here - self.speed_m_s * (clock.now_s() - began))
-            backend.write({name: Setpoint(goal, self.tension_n)})
+            backend.write({name: Setpoint(goal, limit_n)})
 
 
 def read_drive(backend: SetupBackend) -> DriveReading:
@@ -120,37 +124,35 @@ def measure_direction(
     """
     pull = pull or SpoolPull()
     gears_n = model_of(chain, servo).needs.homing_torque / spool_of(servo).radius
-    most_n = max(pull.tension_n, PULL_SHARE * gears_n)
+    max_n = max(pull.tension_n, PULL_SHARE * gears_n)
 
     def find_end(direction: int, tension_n: float) -> float | None:
         backend = make_backend(replace(servo, direction=direction))
         try:
             with backend.bus.clock.stepping():
                 backend.connect()
-                return replace(pull, tension_n=tension_n).find_end(backend)
+                return replace(pull, tension_n=tension_n, back_tension_n=max_n).find_end(backend)
         finally:
             backend.disconnect()
 
     try:
-        return find_direction(
-            lambda direction: _end_of_spool(find_end, direction, pull.tension_n, most_n), pull.reach_m
-        )
+        return find_direction(lambda direction: _end_of_spool(find_end, direction, pull.tension_n, max_n), pull.reach_m)
     except ConfigurationError as error:
         raise ConfigurationError(f"{servo.tendon}: {error}") from error
 
 
 def _end_of_spool(
-    find_end: Callable[[int, float], float | None], direction: int, tension_n: float, most_n: float
+    find_end: Callable[[int, float], float | None], direction: int, tension_n: float, max_n: float
 ) -> float | None:
-    """Return where a spool is held that has begun to turn, by the smallest pull that turns it, ``most_n`` [N] at most.
+    """Return where a spool is held that has begun to turn, by the smallest pull that turns it, ``max_n`` [N] at most.
 
     A pull that turns heavy gears in any case would wind a light finger in over the whole reach.
     """
     while True:
         end = find_end(direction, tension_n)
-        if end is None or end > STUCK_M or tension_n >= most_n:
+        if end is None or end > STUCK_M or tension_n >= max_n:
             return end
-        tension_n = min(most_n, tension_n * PULL_GROWTH)
+        tension_n = min(max_n, tension_n * PULL_GROWTH)
 
 
 def reversed_spool_remedy(servo: ChainServo) -> str:

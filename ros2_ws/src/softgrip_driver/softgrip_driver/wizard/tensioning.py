@@ -15,8 +15,8 @@ from softgrip_driver.wizard.drive_setup import SetupBackend
 
 #: a zero that moves less between two rounds [m] has settled
 SETTLED_M = 2e-4
-#: [s] for a spool to come to rest
-SETTLING_S = 0.5
+#: [s] for a spool to come to rest, and beyond that for one that turns slowly; [m] from its goal where it has come there
+SETTLING_S, SLOWEST_S, THERE_M = 0.5, 10.0, 5e-4
 
 
 class TensioningError(DriverError):
@@ -143,12 +143,17 @@ def release(backend: SetupBackend, goals: Mapping[str, float], plan: TensioningP
     try:
         for name in goals:
             backend.power(name, on=True)
-        while clock.now_s() < began + duration_s:
-            paid_m = plan.speed_m_s * (clock.now_s() - began)
+        is_there = False
+        # Heavy gears turn slower than asked for by a pull that is limited.
+        while (now := clock.now_s()) < began + duration_s or (not is_there and now < began + duration_s + SLOWEST_S):
+            paid_m = plan.speed_m_s * (now - began)
             backend.write(
                 {name: Setpoint(max(goal, here[name] - paid_m), plan.tension_n) for name, goal in goals.items()}
             )
-            backend.read()
+            readings = backend.read()
+            is_there = all(
+                name in readings and readings[name].position < goal + THERE_M for name, goal in goals.items()
+            )
     finally:
         for name in goals:
             backend.power(name, on=False)
