@@ -220,9 +220,9 @@ class Worker:
     async def plan(self, person: Person, orders: Sequence[OrderLine], *, keep_order: bool) -> ActResult:
         """Ask the manager for the order of work."""
         if self.run.phase is WorkPhase.RUNNING:
-            return self._desk.refuse(person, "plan", "expected no run to go on, found one; pause it first")
+            return self._desk.refuse(person, "plan", say("error.run_goes_on"))
         if sum(order.quantity for order in orders) > MAX_ITEMS:
-            return self._desk.refuse(person, "plan", f"expected at most {MAX_ITEMS} products; part the list")
+            return self._desk.refuse(person, "plan", say("error.run_long", limit=MAX_ITEMS))
         act = acts.plan(
             [order.product for order in orders], [order.quantity for order in orders], keep_order=keep_order
         )

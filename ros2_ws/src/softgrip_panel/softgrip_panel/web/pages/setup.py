@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Page Set-up: driver and bus, what needs the bus for itself, tensioning, weights; camera, parameters have own parts."""
+"""Page Set-up: driver, bus, what needs it for itself, tensioning, weights; camera and parameters have own parts."""
 
 from __future__ import annotations
 
