@@ -277,6 +277,47 @@ def test_a_run_is_begun_by_who_has_control_and_ended_by_who_operates(state: Pane
     assert ("Eve pause_run", "refused: expected the role operate, found look; log in as one who may") in audited
 
 
+class SwapOfMinutes(Calls):
+    """A swap that lasts until it is let go on."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.swapped = asyncio.Event()
+
+    async def call(self, act: Act, who: str) -> ActResult:
+        self.acts.append((act.name, who))
+        if act.name == "swap":
+            await self.swapped.wait()
+        return ActResult(success=True, message="GRIPPED: held", answer=ANSWER)
+
+
+def test_a_run_that_is_paused_during_a_swap_grasps_nothing_after_it(state: PanelState, clock: ManualClock) -> None:
+    calls = SwapOfMinutes()
+    desk = ActDesk(state, calls, ActRecord(None, clock))
+    run = WorkRun(clock)
+    worker = Worker(desk, run)
+    state.control.take_control(ADA)
+    run.plan([PlannedStep("egg", 1, "power", True, 0.9, 4.0)], ANSWER)
+
+    async def work() -> list[str]:
+        assert worker.start(ADA, WorkOptions()).success
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        assert worker.pause(BOB).success
+        calls.swapped.set()
+        for _ in range(10):
+            await asyncio.sleep(0)
+        before = [name for name, _ in calls.acts]
+        assert worker.start(ADA, WorkOptions()).success
+        for _ in range(20):
+            await asyncio.sleep(0)
+        return before
+
+    assert asyncio.run(work()) == ["swap"]
+    assert run.phase is WorkPhase.ENDED  # going on, it grasps what was still to come
+    assert [name for name, _ in calls.acts][1:] == ["swap", "grasp", "release"]
+
+
 class RefusingCalls(Calls):
     """A cell that grasps everything but grapes."""
 
