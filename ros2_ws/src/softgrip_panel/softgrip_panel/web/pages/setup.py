@@ -178,10 +178,14 @@ def _terminal(page: Page) -> None:
                 if one.key == "ids":
                     _id_fields(page)
                 elif one.is_run_here and is_engineer(page):
-                    _run_button(page, one.key, lambda one=one: one)
+                    _run_button(page, one.key, _giving(one))
 
         page.shown.parts(holder, lambda: _named_bus(page.state.bench), write)
         _bench_output(page)
+
+
+def _giving(step: TerminalStep) -> Callable[[], TerminalStep]:
+    return lambda: step
 
 
 def _run_button(page: Page, key: str, read: Callable[[], TerminalStep]) -> None:
