@@ -199,7 +199,7 @@ def _run_button(page: Page, key: str, read: Callable[[], TerminalStep]) -> None:
             problem = str(error)
             page.known(lambda person: page.desk.refuse(person, "bench", problem))
             return
-        page.known(lambda person: work.begin(person, step))
+        page.known(lambda person: work.begin_step(person, step))
 
     button = page.button("setup.run", run, "small", name=f"run-{key}")
     page.shown.enabled(button, lambda: page.may_act and not page.state.bench.has_bus and not work.output.is_running)
