@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -112,6 +113,108 @@ def grasp(browser: PanelBrowser) -> None:
     browser.open("/")
     lines = "return document.getElementById('camera').dataset.lines || ''"
     browser.wait(lambda: browser.script(lines) == "measured predicted", "prediction and measurement over the picture")
+
+
+#: Baloney is held by the power set alone, a grape by the pinch set alone: two swaps, whatever the order.
+ORDERS = {"baloney": 1, "egg": 2, "orange": 1, "sausage": 1, "grape": 2}
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+def test_a_whole_shift_by_clicks_from_a_list_with_two_swaps(launch: Callable[..., Any], tmp_path: Path) -> None:
+    cell, address = start_cell(launch, tmp_path, "lift_window_s:=1.0", "record:=true")
+    (tmp_path / "orders.csv").write_text(
+        "product,quantity\n" + "".join(f"{name},{count}\n" for name, count in ORDERS.items())
+    )
+    with PanelBrowser(address) as browser:
+        log_in(browser)
+        browser.press("take")
+        assert browser.measure_friction() >= 9
+        browser.open("/work")
+        browser.find("#orders input[type=file]").send_keys(str(tmp_path / "orders.csv"))
+        browser.wait(lambda: "grape,2" in browser.find("#orders textarea").get_attribute("value"), "the file's orders")
+        browser.press("plan")
+        browser.wait_for_text("#work-phase", "Planned")
+        assert browser.text("#plan-swaps") == "2"
+        browser.press("work-start")
+        assert sorted(run_until_the_end(browser)) == ["PI", "PW"]  # how the serials of pinch and power begin
+        assert browser.text("#work-done") == f"{sum(ORDERS.values())} / {sum(ORDERS.values())}", browser.text()
+        grasped = browser.text("#items tbody")
+        assert all(name in grasped for name in ORDERS)
+        a_grasp_of_another_client(browser, cell)
+        a_bag(browser, tmp_path)
+        browser.open("/")
+        assert browser.text("#count-swaps") == "2"
+    cell.interrupt()
+    cell.wait_for_end(60.0)
+    with Database(f"sqlite:///{tmp_path}/cell.db") as database:
+        audited = {(one.who, one.action) for one in Library(database, lambda: 0).audit(1000)}
+    acts_done = ("calibrate", "plan", "start_run", "swap", "confirm_step", "grasp", "release", "stop_recording")
+    assert {("Ada", name) for name in acts_done} <= audited
+
+
+def run_until_the_end(browser: PanelBrowser) -> list[str]:
+    """Do what the run asks a person for, and go on where a product slipped; returns the sets that were mounted."""
+    mounted: list[str] = []
+    ends = {"Done", "Paused"}
+    while True:
+        browser.wait(
+            lambda: browser.text("#work-phase") in ends or browser.find("#swap-waits").is_displayed(),
+            "the end of the run, or a swap",
+            180.0,
+        )
+        if browser.text("#work-phase") == "Done":
+            return mounted
+        if browser.find("#swap-waits").is_displayed():
+            browser.find("#swap-waits").click()
+            mounted.append(fingers_by_clicks(browser))
+            browser.open("/work")
+        else:
+            browser.press("work-start")  # what did not hold is counted; the list goes on
+            browser.wait(lambda: browser.text("#work-phase") != "Paused", "the run to go on")
+
+
+def fingers_by_clicks(browser: PanelBrowser) -> str:
+    """Do the steps of a swap that goes on; returns the set."""
+    for word in ("open", "unhook", "insert", "close"):
+        browser.wait(lambda word=word: word in browser.text("#instruction").lower(), f"an instruction to {word}")
+        if word == "insert":
+            browser.press("propose")
+        browser.press("step-done")
+    browser.wait(lambda: "Done: " in browser.text("#instruction"), "the end of the swap", 120.0)
+    drawn = json.loads(str(browser.script("return document.getElementById('check').dataset.drawn || '{}'")))
+    assert all(dots > 3 for _, dots in drawn.values()), drawn  # the empty closing was drawn as it went on
+    browser.wait(lambda: browser.text("#unchecked") == "", "each finger's own record")
+    return browser.text("#check-curves li").split()[-1].partition("-")[0]
+
+
+def a_grasp_of_another_client(browser: PanelBrowser, cell: Any) -> None:
+    """Let a terminal grasp: the page has its curve, its fingers and the sample that decided, from the cell."""
+    browser.open("/grasps")
+    before = int(browser.find("#grasps [data-name^='show-']").get_attribute("data-name").partition("-")[2])
+    cell.ask("service", "call", "/emulator/place_object", "softgrip_interfaces/srv/PlaceObject", "{product: egg}")
+    cell.ask("action", "send_goal", "/cell/grasp", "softgrip_interfaces/action/Grasp", "{product: egg}")
+    browser.press(f"show-{before + 1}")
+    browser.wait_for_text("#grasp-detail", "Fingers: ")
+    browser.press(f"show-{before + 1}")
+    browser.wait_for_text("#decided-after", "Decided ")
+    assert json.loads(browser.find("#curve").get_attribute("data-curve"))["decided"] is not None
+    browser.open("/")
+    browser.press("release")
+    browser.wait(lambda: browser.text("#mode") == "Idle", "the hand to be empty")
+
+
+def a_bag(browser: PanelBrowser, folder: Path) -> None:
+    """End the shift's bag by a click, replay it, and make its report."""
+    browser.open("/bags")
+    browser.press("stop")
+    browser.wait(lambda: browser.count("#bags a[download]") > 0, "the bag")
+    name = browser.text("#bags tbody th")
+    browser.press(f"report-{name}")
+    browser.wait(lambda: "Open the report" in browser.text("#bags"), "the report", 240.0)
+    browser.press(f"replay-{name}")
+    browser.wait(lambda: "identical: " in browser.text("#bags"), "the replay's verdict", 240.0)
+    assert list(folder.rglob(f"{name}-report.html"))
 
 
 @pytest.mark.long

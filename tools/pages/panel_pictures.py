@@ -18,6 +18,8 @@ from softgrip_testing.browser import PanelBrowser
 
 PICTURES = Path(__file__).resolve().parents[2] / "docs/images"
 SIZE = (1280, 1000)
+#: A tablet held upright [px].
+TABLET = (820, 1180)
 #: The pages are of few colours: so many keep their pictures small.
 COLOURS = 64
 #: So many points stand in the picture of page Friction.
@@ -91,6 +93,30 @@ def shown(browser: PanelBrowser, folder: Path) -> None:
         take(browser, folder, name)
 
 
+def fitted(browser: PanelBrowser, folder: Path) -> None:
+    """Take page Friction with the fit beside its points."""
+    browser.open("/friction")
+    browser.wait(lambda: browser.count("#friction-fit .fitted") > 0, "the fit")
+    take(browser, folder, "friction_fit")
+
+
+def tablet(browser: PanelBrowser, folder: Path) -> None:
+    """Take pages as a tablet shows them: the cell, and a step of a swap, which is ended again."""
+    browser.resize(*TABLET)
+    browser.open("/")
+    browser.wait(lambda: browser.script("return !!document.getElementById('camera').dataset.number"), "a picture")
+    take(browser, folder, "tablet_cell")
+    browser.open("/swap")
+    browser.press("swap-pinch")
+    browser.wait_for_text("#instruction", "pen the palm")
+    take(browser, folder, "tablet_swap")
+    browser.press("swap-cancel")
+    browser.wait(lambda: "hands" in browser.text("#instruction").lower(), "the hands to be asked out")
+    browser.press("step-done")
+    browser.wait_for_text("#mode", "Idle")
+    browser.resize(*SIZE)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Take them all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -101,7 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         browser.log_in("Ada")
         browser.wait(lambda: browser.text("#mode") in {"Idle", "Holding"}, "a cell that is up")
         browser.press("take")
-        for part in (friction, swap, work, hold, shown):
+        for part in (friction, fitted, swap, work, hold, shown, tablet):
             part(browser, arguments.folder)
     return 0
 

@@ -70,9 +70,9 @@ def test_a_step_is_run_as_at_a_terminal_and_what_it_says_is_kept(
     work: BenchCommands, state: PanelState, tmp_path: Path
 ) -> None:
     async def run() -> None:
-        assert work.begin(IDA, SCAN).success
+        assert work.begin_step(IDA, SCAN).success
         assert work.output.is_running
-        refused = work.begin(IDA, SCAN)
+        refused = work.begin_step(IDA, SCAN)
         assert (refused.success, "expected no other command" in refused.message) == (False, True)
         await ended(work)
 
@@ -89,7 +89,7 @@ def test_a_step_is_run_as_at_a_terminal_and_what_it_says_is_kept(
 
 def test_a_step_that_fails_says_with_which_code(work: BenchCommands, state: PanelState) -> None:
     async def run() -> None:
-        work.begin(IDA, next(one for one in terminal_steps(FREE) if one.key == "selftest"))
+        work.begin_step(IDA, next(one for one in terminal_steps(FREE) if one.key == "selftest"))
         await ended(work)
 
     state.control.take_control(IDA)
@@ -101,16 +101,16 @@ def test_a_step_that_fails_says_with_which_code(work: BenchCommands, state: Pane
 def test_nothing_is_run_while_the_driver_has_the_bus(work: BenchCommands, state: PanelState, phase: str) -> None:
     state.control.take_control(IDA)
     state.bench = replace(FREE, phase=phase)
-    result = work.begin(IDA, SCAN)
+    result = work.begin_step(IDA, SCAN)
     assert (result.success, result.message) == (False, "The driver has the bus. Free it first.")
     assert work.output.key == ""
 
 
 def test_only_an_engineer_with_control_runs_a_step(work: BenchCommands, state: PanelState) -> None:
-    assert not work.begin(IDA, SCAN).success  # nobody has control
+    assert not work.begin_step(IDA, SCAN).success  # nobody has control
     state.control.take_control(ADA)
-    assert "expected the role engineer" in work.begin(ADA, SCAN).message
-    assert "Ada has it" in work.begin(IDA, SCAN).message
+    assert "expected the role engineer" in work.begin_step(ADA, SCAN).message
+    assert "Ada has it" in work.begin_step(IDA, SCAN).message
     assert work.output.key == ""
 
 
@@ -118,12 +118,12 @@ def test_only_an_engineer_with_control_runs_a_step(work: BenchCommands, state: P
 def test_what_asks_or_moves_is_for_a_terminal(work: BenchCommands, state: PanelState, key: str) -> None:
     state.control.take_control(IDA)
     step = next(one for one in terminal_steps(FREE) if one.key == key)
-    assert "found one for a terminal" in work.begin(IDA, step).message
+    assert "found one for a terminal" in work.begin_step(IDA, step).message
 
 
 def test_a_step_is_ended_with_all_that_it_started(work: BenchCommands, state: PanelState) -> None:
     async def run() -> None:
-        work.begin(IDA, id_step(FREE, 1, 57_600, 3))
+        work.begin_step(IDA, id_step(FREE, 1, 57_600, 3))
         while not work.output.lines:
             await asyncio.sleep(0.02)
         assert work.stop(ADA).success  # ending is everybody's who operates
@@ -142,7 +142,7 @@ def test_a_step_that_takes_too_long_is_ended(
     monkeypatch.setattr(bench_commands, "END_S", 0.3)
 
     async def run() -> None:
-        work.begin(IDA, id_step(FREE, 1, 57_600, 3))
+        work.begin_step(IDA, id_step(FREE, 1, 57_600, 3))
         await ended(work)
 
     state.control.take_control(IDA)
@@ -157,7 +157,7 @@ def test_a_step_without_its_program_says_so(
     monkeypatch.setenv("PATH", str(tmp_path / "nothing"))
 
     async def run() -> None:
-        work.begin(IDA, SCAN)
+        work.begin_step(IDA, SCAN)
         await ended(work)
 
     state.control.take_control(IDA)
@@ -168,7 +168,7 @@ def test_a_step_without_its_program_says_so(
 
 def test_what_is_said_without_end_is_not_kept_without_end(work: BenchCommands, state: PanelState) -> None:
     async def run() -> None:
-        work.begin(IDA, TerminalStep("scan", ("sh", "-c", "yes | head -c 100000"), is_run_here=True))
+        work.begin_step(IDA, TerminalStep("scan", ("sh", "-c", "yes | head -c 100000"), is_run_here=True))
         await ended(work)
 
     state.control.take_control(IDA)

@@ -68,7 +68,7 @@ def test_every_key_that_pages_name_is_there() -> None:
 
 
 #: Errors that a person at a page, at the log-in or at `users` is told.
-TOLD = {"PanelError", "ActRefusedError", "AccessError"}
+SHOWN_ERRORS = {"PanelError", "ActRefusedError", "AccessError"}
 #: The catalogue itself cannot say that it is missing.
 NOT_IN_THE_CATALOGUE = {"texts/__init__.py"}
 
@@ -77,7 +77,7 @@ def words_beside_the_catalogue(code: str) -> list[str]:
     """Return the texts with which code raises an error that a person is told."""
     found = []
     for node in ast.walk(ast.parse(code)):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in TOLD:
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in SHOWN_ERRORS:
             found += [ast.unparse(one) for one in node.args if isinstance(one, (ast.Constant, ast.JoinedStr))]
     return found
 

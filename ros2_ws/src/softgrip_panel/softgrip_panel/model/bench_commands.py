@@ -73,7 +73,7 @@ class BenchCommands:
         one = self._output
         return BenchOutput(one.key, one.command, tuple(self._lines), one.is_running, one.code)
 
-    def begin(self, person: Person, step: TerminalStep) -> ActResult:
+    def begin_step(self, person: Person, step: TerminalStep) -> ActResult:
         """Start a command; it goes on when the page is left, and every page shows what it says."""
 
         def start() -> str:

@@ -176,8 +176,8 @@ def _curve(law: FrictionLaw, model: FrictionModelView, angles: np.ndarray, tensi
     return LoadCurve(
         tension_n,
         tuple(
-            (float(angle), float(ratio), float(least), float(most))
-            for angle, ratio, least, most in zip(angles, found.ratio, low, high, strict=True)
+            (float(angle), float(ratio), float(ratio_min), float(ratio_max))
+            for angle, ratio, ratio_min, ratio_max in zip(angles, found.ratio, low, high, strict=True)
             if math.isfinite(ratio)
         ),
     )

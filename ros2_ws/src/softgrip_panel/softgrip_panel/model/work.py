@@ -220,9 +220,9 @@ class Worker:
     async def plan(self, person: Person, orders: Sequence[OrderLine], *, keep_order: bool) -> ActResult:
         """Ask the manager for the order of work."""
         if self.run.phase is WorkPhase.RUNNING:
-            return self._desk.refuse(person, "plan", "expected no run to go on, found one; pause it first")
+            return self._desk.refuse(person, "plan", say("error.run_goes_on"))
         if sum(order.quantity for order in orders) > MAX_ITEMS:
-            return self._desk.refuse(person, "plan", f"expected at most {MAX_ITEMS} products; part the list")
+            return self._desk.refuse(person, "plan", say("error.run_long", limit=MAX_ITEMS))
         act = acts.plan(
             [order.product for order in orders], [order.quantity for order in orders], keep_order=keep_order
         )
@@ -303,12 +303,10 @@ class Worker:
         """Do one item; returns why the run has to pause, empty where it goes on."""
         item = self.run.items[number]
         problem = await self._with_fingers(person, item)
-        if problem:
-            return problem
-        if options.emulated_hands:
+        if not problem and self._goes_on() and options.emulated_hands:
             problem = await self._must(person, acts.place_object(item.product))
-            if problem:
-                return problem
+        if problem or not self._goes_on():
+            return problem  # paused while fingers were swapped: a grasp would be something new
         began_s = self.run.now_s()
         grasp = acts.grasp(item.product, confirm_lift=options.confirm_lift, trial=options.trial)
         result = await self._desk.perform(person, grasp)
@@ -321,6 +319,10 @@ class Worker:
             problem = problem or await self._must(person, acts.place_object(""))
         failed = not result.success and options.pause_on_failure
         return problem or (result.message if failed else "")
+
+    def _goes_on(self) -> bool:
+        """Whether nobody has paused the run since."""
+        return self.run.phase is WorkPhase.RUNNING
 
     async def _with_fingers(self, person: Person, item: WorkItem) -> str:
         """Order the right fingers to be mounted."""

@@ -163,9 +163,9 @@ class Page:
             if then is not None:
                 then(result)
 
-        self.begin(perform())
+        self.begin_task(perform())
 
-    def begin(self, doing: Coroutine[Any, Any, object]) -> None:
+    def begin_task(self, doing: Coroutine[Any, Any, object]) -> None:
         """Do what takes time beside the page, while its session goes on; it goes on when the page is left."""
         if self._is_known():
             background_tasks.create(doing)

@@ -51,8 +51,8 @@ class ShownModel:
         """The model; None where none is known."""
         state = self._page.state
         known = {one.id: one for one in state.friction_models}
-        wanted = (self._chosen, "" if state.rig.is_running else state.rig.fitted, state.friction_active)
-        return next((known[one] for one in wanted if one in known), None)
+        candidates = (self._chosen, "" if state.rig.is_running else state.rig.fitted, state.friction_active)
+        return next((known[one] for one in candidates if one in known), None)
 
 
 def _now(page: Page) -> None:
@@ -281,7 +281,7 @@ def _ask_reason(
             if not str(reason.value or "").strip():
                 problem.set_text(page.t("friction.reason_missing"))
                 return
-            page.begin(do(page.person, model, str(reason.value)))
+            page.begin_task(do(page.person, model, str(reason.value)))
             dialog.close()
 
         page.button(f"friction.{name}", confirmed, "loud big", name=f"{name}-confirm")

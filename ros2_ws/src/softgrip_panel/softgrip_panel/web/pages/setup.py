@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Page Set-up: driver and bus, what needs the bus for itself, tensioning, weights; camera, parameters have own parts."""
+"""Page Set-up: driver, bus, what needs it for itself, tensioning, weights; camera and parameters have own parts."""
 
 from __future__ import annotations
 
@@ -178,10 +178,14 @@ def _terminal(page: Page) -> None:
                 if one.key == "ids":
                     _id_fields(page)
                 elif one.is_run_here and is_engineer(page):
-                    _run_button(page, one.key, lambda one=one: one)
+                    _run_button(page, one.key, _giving(one))
 
         page.shown.parts(holder, lambda: _named_bus(page.state.bench), write)
         _bench_output(page)
+
+
+def _giving(step: TerminalStep) -> Callable[[], TerminalStep]:
+    return lambda: step
 
 
 def _run_button(page: Page, key: str, read: Callable[[], TerminalStep]) -> None:
@@ -195,7 +199,7 @@ def _run_button(page: Page, key: str, read: Callable[[], TerminalStep]) -> None:
             problem = str(error)
             page.known(lambda person: page.desk.refuse(person, "bench", problem))
             return
-        page.known(lambda person: work.begin(person, step))
+        page.known(lambda person: work.begin_step(person, step))
 
     button = page.button("setup.run", run, "small", name=f"run-{key}")
     page.shown.enabled(button, lambda: page.may_act and not page.state.bench.has_bus and not work.output.is_running)

@@ -164,14 +164,19 @@ function curve(pen, values, x, y, width, height, top, style) {
 // --- the empty closing: tension over pulled length, beside what the finger's own record says
 
 const closing = new Map();
+const resting = new Set();
+const REST_MM = 0.3; // pulled less, a finger is open
 
 function takeClosing(rows) {
   for (const [name, tension, , pulled] of rows) {
     const dots = closing.get(name) ?? [];
-    if (pulled !== null && pulled < 0.3) dots.length = 0;
-    if (tension !== null && pulled !== null) dots.push([pulled, tension]);
-    if (dots.length > 400) dots.shift();
     closing.set(name, dots);
+    if (tension === null || pulled === null) continue;
+    // a closing stays to be looked at until the next one begins
+    if (pulled < REST_MM) resting.add(name);
+    else if (resting.delete(name)) dots.length = 0;
+    if (!resting.has(name)) dots.push([pulled, tension]);
+    if (dots.length > 400) dots.shift();
   }
 }
 
