@@ -3,10 +3,12 @@
 
 Motor, gears and their friction are Rhoban/bam's simulator with its published parameters (bam/params/xl330: m4, m6).
 The servo's firmware, the weights and what is looked at are those of benchmarks/driver/x330_tension.py. Its copper warms
-by IEC 60028; bam's own is at one temperature.
+by IEC 60028; bam's own is at one temperature. With --cell three such motors move the emulated cell, and the row of
+benchmarks/driver/servo_facts.py is printed for them.
 
     git clone https://github.com/Rhoban/bam && pip install colorama
     python tools/peers/bam_motor.py bam m4
+    python tools/peers/bam_motor.py bam m6 --cell
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from softgrip_testing.scripts import load_script
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks/driver"
 sys.path.append(str(BENCHMARKS))
 x330_tension = load_script(BENCHMARKS / "x330_tension.py")
+servo_facts = load_script(BENCHMARKS / "servo_facts.py")
 
 #: copper, a kelvin, from the temperature at which bam's resistance is taken to be
 COPPER_PER_K, IDENTIFIED_C = 0.00393, 24.0
@@ -35,7 +38,11 @@ class IdentifiedMotor:
         spool_radius_m: [m]
     """
 
+    #: what faults do to an emulated motor; nobody does it here
+    jammed, extra_heat_w = False, 0.0
+
     def __init__(self, simulator: Any, shaft: Any, spool_radius_m: float) -> None:
+        self.spool_radius_m = spool_radius_m
         self._simulator, self._shaft, self._spool_radius_m = simulator, shaft, spool_radius_m
         self._model, self._pull_n = simulator.model, 0.0
         self._cool_ohm = self._model.R.value
@@ -77,14 +84,25 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("bam", help="folder of bam's source")
     arguments.add_argument("model", choices=("m1", "m2", "m3", "m4", "m5", "m6"), help="of its friction")
+    arguments.add_argument("--cell", action="store_true", help="move the emulated cell with three of them")
     options = arguments.parse_args()
     sys.path.insert(0, options.bam)
     from bam.model import load_model  # noqa: PLC0415  where it is, is known now
     from bam.simulate import Simulator  # noqa: PLC0415
 
+    def identified(shaft: Any, spool_radius_m: float) -> IdentifiedMotor:
+        simulator = Simulator(load_model(motor_name="xl330", model=options.model))
+        return IdentifiedMotor(simulator, shaft, spool_radius_m)
+
+    def exchange(cell: Any) -> None:
+        cell.plant.motors = [identified(one.shaft, one.spool_radius_m) for one in cell.plant.motors]
+
+    if options.cell:
+        row = servo_facts.Row(f"motor and gears as Rhoban/bam identified ({options.model}), driver as now")
+        print(f"| {row.fact} | {' | '.join(servo_facts.measured(row, exchange))} |")
+        return
     stand = x330_tension.WeightStand(x330_tension.MODEL, 1)
-    simulator = Simulator(load_model(motor_name="xl330", model=options.model))
-    stand.motor = IdentifiedMotor(simulator, stand.servo.shaft, x330_tension.RADIUS_M)
+    stand.motor = identified(stand.servo.shaft, x330_tension.RADIUS_M)
     points = x330_tension.tension_points([stand])
     error_n = x330_tension.rms([point.error for point in points])
     print(f"xl330/{options.model}: {error_n:.2f} N in {len(points)} lifts; {x330_tension.summary(points)}")

@@ -323,3 +323,18 @@ def test_under_nohup_a_closed_terminal_ends_nothing():
         assert common.run(hang_up, argparse.ArgumentParser(), []) == common.DONE
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize(
+    ("model", "expected"),
+    [
+        ("STS3215", "With the backend feetech tensions are those of the maker's values"),
+        ("DM-J4310-2EC", "With the backend damiao tensions are those of the maker's values"),
+        ("XL-330", "expected one of XC330-M288"),
+    ],
+)
+def test_calibrate_tension_refuses_a_servo_that_it_can_not_move_by_name(model, expected, capsys):
+    with pytest.raises(SystemExit) as ended:
+        calibrate_tension.main(["--port", "/dev/null", "--model", model, "--weights", "0.1", "0.3"])
+    assert ended.value.code == 2
+    assert expected in " ".join(capsys.readouterr().err.split())

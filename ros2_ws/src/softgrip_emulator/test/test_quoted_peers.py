@@ -11,8 +11,10 @@ from softgrip_emulator import damiao
 from softgrip_emulator.dynamixel.motion import ServoDrive
 from softgrip_emulator.dynamixel.servo import Shaft
 from softgrip_emulator.dynamixel.table import available_models, load_model
+from softgrip_emulator.feetech.servo import DUTY_PER_RAD
 from softgrip_emulator.plant.motor import Motor
 from softgrip_emulator.rig.amplifier import counts_of
+from softgrip_emulator.rig.polled import EmulatedPolledGauge
 from softgrip_emulator.rig.sketches import EmulatedBoard
 from softgrip_emulator.servos import load_ratings
 
@@ -70,6 +72,23 @@ def test_an_sts3215_turns_and_pulls_as_its_users_say():
     assert ratings.no_load_speed_rpm * 7.0 / ratings.nominal_voltage_v == pytest.approx(50.0, rel=0.05)
 
 
+@pytest.mark.parametrize("duty_per_rad", [0.166, 0.16489])
+def test_an_sts3215_turns_an_error_into_a_duty_as_others_measured(duty_per_rad):
+    """Rhoban/bam 1b5a1ce, feetech/actuator.py, error_gain (oscilloscope); kscalelabs/sysid, error_gain of its fits."""
+    assert pytest.approx(duty_per_rad, rel=0.02) == DUTY_PER_RAD
+
+
+def test_an_sts3215_rubs_as_rhoban_found_and_is_lighter():
+    """Rhoban/bam 1b5a1ce, params/feetech_sts3215_7_4V/m1.json: friction_base [N m], friction_viscous, armature.
+
+    Its inertia is three times the assumed one, its viscous friction five times: docs/emulator.md says so.
+    """
+    ratings = load_ratings("STS3215")
+    assert ratings.gear_friction_nm == pytest.approx(0.0524, rel=0.15)
+    assert 0.02840 / ratings.inertia_kgm2 == pytest.approx(2.9, abs=0.1)
+    assert 0.0591 / ratings.gear_viscous_nms == pytest.approx(5.5, abs=0.1)
+
+
 class Cell:
     """A load cell that reads what it is given [N]."""
 
@@ -78,6 +97,28 @@ class Cell:
 
     def read(self, _now_s):
         return self.force
+
+
+@pytest.mark.parametrize("force", [0.0, 0.981, -0.5, 49.05])
+def test_a_balance_answers_as_pylabrobot_reads_it(force):
+    """PyLabRobot 2dfdc0d6, scales/mettler_toledo/protocol.md, of a WXS205SDU: 9600 baud, "<CMD> <Status> data unit".
+
+    The answer to SI is headed S; status D is a weight that moves.
+    """
+    (answer,) = EmulatedPolledGauge(Cell(force), "mt_sics").exchange(b"SI\r\n", 0.0, 9600)
+    command, status, weight, unit = answer.data.removesuffix(b"\r\n").split()
+    assert (command, unit) == (b"S", b"g")
+    assert status in {b"S", b"D"}
+    assert float(weight) == pytest.approx(1e3 * force / 9.81, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("force", "command", "expected"), [(math.inf, b"SI\r\n", b"S +\r\n"), (1.0, b"XX\r\n", b"ES\r\n")]
+)
+def test_a_balance_that_can_not_answer_says_so_as_pylabrobot_reads_it(force, command, expected):
+    """The same page: status "+" is overload, "ES" a command that is not known."""
+    (answer,) = EmulatedPolledGauge(Cell(force), "mt_sics").exchange(command, 0.0, 9600)
+    assert answer.data == expected
 
 
 def lines(force, rate_hz, seconds=10.0):

@@ -299,9 +299,9 @@ class TipTest:
         settings = self._settings
         if pair.sample.pulled_length_m[slot] <= self._references[slot].reach_m:
             return settings.tip_m
-        most_m = settings.tip_m * settings.tip_unchecked_factor
+        max_m = settings.tip_m * settings.tip_unchecked_factor
         way_m = math.dist(pair.free.tip_m[slot], self._checked_tip_m.get(slot, (math.nan, math.nan)))
-        return min(most_m, settings.tip_m + way_m) if math.isfinite(way_m) else most_m
+        return min(max_m, settings.tip_m + way_m) if math.isfinite(way_m) else max_m
 
     def deviation_m(self, now_ns: int) -> dict[int, float]:
         """Return the distance of every slot's fingertip that was seen a moment ago from its predicted place [m]."""

@@ -23,11 +23,13 @@ from softgrip_driver.commands.common import (
     stream_settings,
 )
 from softgrip_driver.commands.tension_recording import TensionSample, check_writable, read_csv, write_csv
+from softgrip_driver.damiao import frames as damiao_frames
 from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing, ServoModel
 from softgrip_driver.errors import ConfigurationError
+from softgrip_driver.feetech import registers as feetech_registers
 from softgrip_driver.rig.build import make_gauge
 from softgrip_driver.rig.devices import Gauge
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
@@ -319,6 +321,20 @@ def masses(text: str) -> list[float]:
     return [number(0.01, 50.0)(one) for one in text.split(",")]
 
 
+def dynamixel_model(text: str) -> str:
+    """Return the name of a model that can be measured; argparse reports what is wrong with any other."""
+    if text in MODELS:
+        return text
+    known = f"expected one of {', '.join(sorted(MODELS))}, found '{text}'"
+    for backend, models in (("feetech", feetech_registers.MODELS), ("damiao", damiao_frames.MODELS)):
+        if text in models:
+            raise argparse.ArgumentTypeError(
+                f"{known}: this command moves Dynamixel servos only. With the backend {backend} tensions are those of "
+                "the maker's values; tension_stddev in tendon/status says how far to trust them"
+            )
+    raise argparse.ArgumentTypeError(known)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command."""
     arguments = parser("calibrate_tension", TEXT)
@@ -326,7 +342,13 @@ def main(args: Sequence[str] | None = None) -> int:
     arguments.add_argument(
         "--id", type=number(0, 252, int), default=1, metavar="0..252", help="servo ID, default %(default)s"
     )
-    arguments.add_argument("--model", choices=sorted(MODELS), default="XL330-M288", help="default %(default)s")
+    arguments.add_argument(
+        "--model",
+        type=dynamixel_model,
+        default="XL330-M288",
+        metavar="MODEL",
+        help=f"{', '.join(sorted(MODELS))}; default %(default)s",
+    )
     arguments.add_argument(
         "--radius", type=number(1e-3, 0.1), default=0.010, metavar="M", help="spool radius, default %(default)s m"
     )

@@ -22,8 +22,8 @@ _STEPS_PER_TURN: Final = 4096
 _RAD_PER_STEP: Final = 2.0 * math.pi / _STEPS_PER_TURN
 _MAX_STEPS: Final = 30_719
 _FULL_SCALE: Final = 1000
-_DUTY_PER_RAD: Final = 0.163
-"""Of one unit of P: measured by Rhoban/bam, feetech/actuator.py (0.163), and kscalelabs/sysid (0.165)."""
+DUTY_PER_RAD: Final = 0.163
+"""Of one unit of P: others measured 0.163 to 0.166 (Rhoban/bam, feetech/actuator.py; kscalelabs/sysid)."""
 _STEPS_PER_S_COARSE: Final = 50.0
 _FINE_SPEED: Final = 0x04
 _COUNTS_TURNS: Final = 0x10
@@ -154,7 +154,7 @@ class EmulatedFeetechServo:
         if abs(error) <= self.registers.get("cw_dead_zone"):
             error = 0.0
         limit = self._torque_limit()
-        duty = error * _RAD_PER_STEP * self.registers.get("p_coefficient") * _DUTY_PER_RAD
+        duty = error * _RAD_PER_STEP * self.registers.get("p_coefficient") * DUTY_PER_RAD
         return ServoDrive(max(-limit, min(limit, duty)), math.inf)
 
     def _torque_limit(self) -> float:
