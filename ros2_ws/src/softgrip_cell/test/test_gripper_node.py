@@ -197,6 +197,8 @@ class Bench:
 
     def close(self) -> None:
         self.executor.shutdown()
+        for node in (self.gripper, self.client, self.tendons):
+            node.destroy_node()  # DDS would give the next test what this one's latched topics said
         rclpy.try_shutdown()
 
 

@@ -81,7 +81,7 @@ def parse_reading(line: bytes) -> tuple[float, str]:
     """Return number and unit of a reading such as ``-18.78 lbF``; the unit is empty in NUM format.
 
     Raises:
-        RefusedError: an error code (*10, ...). SaturatedError: the overload text. CorruptReplyError: anything else.
+        RefusedError: an error code (``*10``, ...). SaturatedError: the overload text. CorruptReplyError: anything else.
     """
     text = line.decode("ascii", "replace").strip()
     if text in _ERRORS:

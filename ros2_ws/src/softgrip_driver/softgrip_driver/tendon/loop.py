@@ -38,7 +38,7 @@ class LoopSnapshot:
         time: [s] of the loop's clock, when the readings came.
         drives: one for each tendon.
         estop: the emergency stop is on.
-        rate: [Hz] over the last second; jitter_p99: [s] 99th percentile of |period - nominal|.
+        rate: [Hz] over the last second; jitter_p99: [s] 99th percentile of ``|period - nominal|``.
         missed_cycles: cycles left out because the one before took too long.
         port_lost: why the port is gone, empty when it is there.
         asked_rate: [Hz] that the rate is to be compared with: less than the loop's own while the drives rest.

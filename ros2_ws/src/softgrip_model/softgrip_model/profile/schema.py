@@ -31,7 +31,7 @@ class Material:
     moment_law: str
     """One of MOMENT_LAWS; docs/finger.md compares them."""
     max_strain: float
-    """Largest |strain| that the modulus was measured at."""
+    """Largest ``|strain|`` that the modulus was measured at."""
 
 
 @dataclass(frozen=True)
