@@ -96,8 +96,8 @@ test: setup parts-setup study-setup panel-setup s3-setup $(if $(filter oldest,$(
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not long" $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not long" $(REAL_TIME)
 
-long-tests: setup panel-setup rerun-setup  ## from boxes of parts to the first grasp, a shift at the operator's page, cells on other drives, Rerun's own reader, the wheel in a fresh environment, modules from their sources; some minutes
-	$(BIN)/python -m pytest -m long tests/system tests/documents tests/validation
+long-tests: setup panel-setup rerun-setup  ## whole ways (boxes to first grasp, a shift by clicks, other drives), fifty archived bags, modules from their sources, the wheel, Rerun's own reader; minutes
+	$(BIN)/python -m pytest -m long tests/system tests/documents tests/validation tests/replay
 	$(BIN)/python -m pytest tests/replay/test_rerun_file.py
 
 lint: setup  ## ruff and mypy, strict; clang-format, clang-tidy of two cores; links of the documentation
