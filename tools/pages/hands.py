@@ -36,7 +36,7 @@ from softgrip_nodekit import LATCHED, make_executor
 
 SLOTS = ("index", "middle", "thumb")
 CABLE_RADIUS_M, SURFACE_RADIUS_M = 0.125e-3, 3e-3
-ANSWER_S = 60.0
+ANSWER_S = 180.0
 
 
 class Person:
