@@ -100,13 +100,14 @@ long-tests: setup panel-setup rerun-setup  ## whole ways (boxes to first grasp, 
 	$(BIN)/python -m pytest -m long tests/system tests/documents tests/validation tests/replay
 	$(BIN)/python -m pytest tests/replay/test_rerun_file.py
 
-lint: setup  ## ruff and mypy, strict; clang-format, clang-tidy of two cores; links of the documentation
+lint: setup  ## ruff and mypy, strict; clang-format, clang-tidy of two cores; the documentation with every link and name
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	@echo "clang-format of the C++"; $(BIN)/clang-format --dry-run --Werror $(CPP)
 	@if [ -x $(BIN)/clang-tidy ]; then echo "clang-tidy of what changed"; $(WITH_VENV) python tools/tidy.py $(TIDY_CORES); fi
 	$(BIN)/python tools/vocabulary.py
 	$(BIN)/python tools/pages/links.py
+	$(MAKE) site
 	$(BIN)/mypy $(foreach package,$(TYPED),-p $(package))
 
 format: setup  ## format Python and C++

@@ -3,13 +3,19 @@
 
 from __future__ import annotations
 
+import collections
 import os
 import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+from softgrip_testing.free_domains import FreeDomains
 from softgrip_testing.scripts import load_script
 from softgrip_vision.calibrating import has_charuco
 
@@ -22,6 +28,23 @@ WRITTEN = [*ROOT.glob("*.md"), ROOT / "embedded/README.md"]
 WRITTEN += [path for path in (ROOT / "docs").rglob("*.md") if "generated" not in path.parts]
 
 
+#: Why a block is not run anywhere -> blocks with this reason. What they name is still looked for (blocks.check_names).
+NOT_RUN = {
+    "236 solids take an hour; `make bench` does it": 1,
+    "changes the environment; `make setup` does it": 1,
+    "downloads 500 MB and opens a window; `make long-tests` reads such a file with Rerun": 1,
+    "downloads 660 MB; `make docs-test` has done it": 2,
+    "needs ROS 2 Jazzy": 3,
+    "needs RViz and ros2_control of ROS 2 Jazzy": 1,
+    "needs ros2_control of ROS 2 Jazzy": 2,
+    "needs a camera that sees your hand": 1,
+    "needs a film of your hand": 2,
+    "sets the project up": 2,
+    "sets the project up, builds and tests it": 1,
+    "sets the project up; the first tutorial runs the demo": 2,
+    "the tutorial of the first shift runs it": 1,
+    "writes udev rules for your devices": 1,
+}
 #: What ROS 2 gives every node.
 STANDARD_SERVICES = {"get_parameters", "set_parameters", "get_state"}
 
@@ -36,12 +59,87 @@ word_counts = tool("word_counts")
 PAGES = blocks.pages()
 
 
+@pytest.fixture(scope="session")
+def running_cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
+    """Give what commands need to reach the one emulated cell that all pages share; its friction is measured."""
+    folder, domains = tmp_path_factory.mktemp("cell"), FreeDomains(start=os.getpid())
+    domain = domains.take_domain()
+    variables = {"ROS_DOMAIN_ID": str(domain), "ROS_HOME": str(folder)}
+    environment = os.environ | variables | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    launch = ["ros2", "launch", "softgrip_bringup", "cell.launch.yaml", "speed:=max", "panel:=false"]
+    launch += [f"out:={folder}/out", f"wire_dir:={folder}/wires"]
+    with (folder / "cell.log").open("w") as log:
+        cell = subprocess.Popen(launch, env=environment, stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
+    try:
+        measure = [sys.executable, str(ROOT / "tools/pages/hands.py"), "measure"]
+        done = subprocess.run(measure, env=environment, capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode == 0, done.stderr + (folder / "cell.log").read_text()[-4000:]
+        yield variables
+    finally:
+        os.killpg(cell.pid, signal.SIGINT)
+        cell.wait(60)
+        domains.release(domain)
+
+
 @pytest.mark.timeout(1200 if LONG else 120)
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_what_a_page_says_to_type_works(page: Path, tmp_path: Path) -> None:
+def test_what_a_page_says_to_type_works(page: Path, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     if page.name == "own-camera.md" and not has_charuco():
         pytest.skip("it prints ChArUco boards, which OpenCV 4.7 and later know")
-    blocks.Reader(tmp_path, long=LONG).run(page)
+    cell = request.getfixturevalue("running_cell") if LONG and blocks.needs_cell(page) else None
+    blocks.Reader(tmp_path, long=LONG, cell=cell).run(page)
+
+
+def test_what_is_not_run_has_one_of_these_reasons() -> None:
+    """A reason that is not listed is looked at before it is accepted here: can it not be run all the same?"""
+    found = [block.value for page in PAGES for block in blocks.blocks_of(page) if block.mark == "elsewhere"]
+    assert collections.Counter(found) == NOT_RUN
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        "tests/documents/test_library.py::test_no_such",
+        "tests/documents/test_no_such.py::test_the_wheel_does_without_ros_and_without_the_repository",
+        "tests/documents/test_library.py::test_the_wheel_does_without_ros_and_without_the_repository",  # another page
+        "",
+    ],
+)
+def test_a_block_that_another_test_runs_names_one_that_reads_its_page(
+    value: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"<!-- by: {value} -->\n```sh\nmake demo\n```\n")
+    (tmp_path / "tests").symlink_to(ROOT / "tests")
+    monkeypatch.setattr(blocks, "ROOT", tmp_path)
+    with pytest.raises(blocks.BlockError):
+        blocks.blocks_of(page)
+
+
+def test_beside_a_cell_a_page_types_what_another_terminal_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "<!-- background: token -->\n```sh\necho token: 1a2b; sleep 60\n```\n\n"
+        "<!-- stands: eins for one -->\n\n"
+        "<!-- cell: 0f2c from token: (\\w+) -->\n```sh\necho 0f2c one $ROS_DOMAIN_ID $OTHER_DOMAIN\n```\n\n"
+        "<!-- output -->\n```text\n1a2b eins 7 107\n```\n\n"
+        "<!-- cell -->\n```sh\nread answer; echo \"answered '$answer'\"\n```\n\n"
+        "<!-- output -->\n```text\nanswered ''\n```\n"
+    )
+    monkeypatch.setattr(blocks, "ROOT", tmp_path)
+    monkeypatch.setattr(blocks, "TOP", ())
+    assert blocks.Reader(tmp_path, long=True, cell={"ROS_DOMAIN_ID": "7"}).run(page) == 6
+
+
+def test_a_service_that_refuses_fails_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- cell -->\n```sh\necho 'Trigger_Response(success=False)'\n```\n")
+    monkeypatch.setattr(blocks, "ROOT", tmp_path)
+    monkeypatch.setattr(blocks, "TOP", ())
+    with pytest.raises(blocks.BlockError, match="success=False"):
+        blocks.Reader(tmp_path, long=True, cell={}).run(page)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -6,7 +6,9 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from softgrip_testing.scripts import load_script
@@ -51,3 +53,57 @@ def test_a_name_is_linked_in_python_blocks_and_not_as_a_member() -> None:
     assert made.count(link) == 2  # where it is imported and where it is called
     assert '<span class="o">.</span><span class="n">close</span>' in made
     assert made.startswith('<p><span class="n">close</span></p>')
+
+
+site_names = load_script(ROOT / "tools/pages/site_names.py")
+
+
+@pytest.mark.parametrize(
+    "text", ["angle_rad", "Half of it", "summary.json", "n + 1 matrices", "close(finger, law)", "N"]
+)
+def test_prose_and_fields_are_no_references(text: str) -> None:
+    assert not site_names.is_name(text)
+
+
+@pytest.mark.parametrize("text", ["numpy.dtype", "GraspPhase", "softgrip_cell.errors.CellError", "polled.PROTOCOLS"])
+def test_dotted_names_and_classes_are_references(text: str) -> None:
+    assert site_names.is_name(text)
+
+
+def test_a_name_leads_to_the_only_page_that_shows_it() -> None:
+    shown = ["a.grasp.GraspPhase", "a.Limits", "b.Limits"]
+    assert site_names.on_a_page("a.grasp.values.GraspPhase", shown) == "a.grasp.GraspPhase"
+    assert site_names.on_a_page("Limits", shown) is None  # which one?
+    assert site_names.on_a_page("Nowhere", shown) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "there"),
+    [
+        ("pathlib.Path", True),
+        ("ValueError", True),
+        ("np.ndarray", True),  # as the module calls it
+        ("pathlib.Pathh", False),
+        ("no_such_module.Name", False),
+        ("NoSuchName", False),
+    ],
+)
+def test_a_name_without_a_page_has_to_be_somewhere(name: str, *, there: bool) -> None:
+    assert site_names.exists(name, [SimpleNamespace(np=np)]) is there
+
+
+def test_a_name_for_type_checkers_alone_is_found_in_the_sources() -> None:
+    assert {"ShiftClosing", "Undo", "JointModel"} <= site_names.written()
+    assert "NoSuchName" not in site_names.written()
+
+
+@pytest.mark.parametrize(
+    ("line", "lines"),
+    [
+        ("Digest of all frames: chains, options", ["Digest of all", "frames: chains, options"]),
+        ("No colon here", ["No colon here"]),
+        ("float: as napoleon has it", ["float: as napoleon has it"]),
+    ],
+)
+def test_words_before_a_colon_are_no_type(line: str, lines: list[str]) -> None:
+    assert site_names.without_type(line) == lines

@@ -25,6 +25,7 @@ from softgrip_driver.rig.gauge_calibration import read_calibration
 from softgrip_driver.rig.journal import PlanJournal
 from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON
 from softgrip_emulator.rig.truth import RigTruth
+from softgrip_testing.scripts import load_script
 from softgrip_testing.synthetic_boards import POSES, BoardCamera
 from softgrip_testing.terminal import CommandTerminal
 from softgrip_vision import calibration
@@ -33,7 +34,9 @@ from softgrip_vision.calibration import Lens
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 Launch = Callable[..., Any]
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "bench.md"
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENT = ROOT / "docs" / "bench.md"
+pages = load_script(ROOT / "tools/pages/blocks.py")
 #: the commands of the document, in its order
 ORDER = [
     "scan", "setup", "setup", "selftest", "calibrate_cell", "stage", "calibrate_tension",
@@ -69,9 +72,18 @@ TRUE_LENS = Lens(
 
 def lines() -> list[list[str]]:
     """Return the command lines of the document, as words."""
-    text = DOCUMENT.read_text().replace("\\\n", " ")  # a long line goes on below
-    found = [line for line in text.splitlines() if re.match(r"(ros2|cp) ", line)]
-    return [line.split() if line.startswith("cp ") else shlex.split(line) for line in found]
+    return [words_of(line) for line in lines_of(DOCUMENT.read_text())]
+
+
+def lines_of(text: str) -> list[str]:
+    """Return the command lines of a text."""
+    text = text.replace("\\\n", " ")  # a long line goes on below
+    return [line for line in text.splitlines() if re.match(r"(ros2|cp) ", line)]
+
+
+def words_of(line: str) -> list[str]:
+    """Return the words of a command line, without the remark behind it."""
+    return line.split() if line.startswith("cp ") else shlex.split(line, comments=True)
 
 
 def name_of(words: list[str]) -> str:
@@ -187,6 +199,22 @@ def measured(person: Person, cell: Any, goal: list[str], confirm: list[str]) -> 
 
 def test_the_document_has_these_commands_in_this_order() -> None:
     assert [name_of(words) for words in lines()] == ORDER
+
+
+#: Pages of docs/ with command lines of the document: the test below runs them for these, too.
+OTHER_PAGES = (
+    "build/camera.md", "build/first_grasp.md", "cell_file.md", "how-to/own-camera.md", "how-to/own-gauge.md",
+    "how-to/own-servo-model.md", "how-to/real-hardware.md", "vision.md",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("page", OTHER_PAGES)
+def test_other_pages_type_its_lines(page: str) -> None:
+    this = f"{Path(__file__).parent.name}/{Path(__file__).name}::test_other_pages_type_its_lines"
+    marked = [block for block in pages.blocks_of(DOCUMENT.parent / page) if block.mark == "by" and this in block.value]
+    typed = [words_of(line) for block in marked for line in lines_of(block.text)]
+    assert typed
+    assert [words for words in typed if words not in lines()] == []
 
 
 @pytest.mark.long

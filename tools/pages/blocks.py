@@ -5,13 +5,23 @@ A comment in the line above a block says what else is to be known:
 
     <!-- output -->            what the block before prints: every line, numbers to their last digit; ... for any text
     <!-- file: my.yaml -->     the block is a file
+    <!-- typed: A|B -->        asks for lines: these are typed; beside a cell Enter is pressed as often as it asks
     <!-- long -->              takes long: run by `make docs-test`
     <!-- background -->        goes on while the blocks below run, and is ended after the last
+    <!-- cell -->              typed beside the one running cell that all pages share; with `WORD from PATTERN` the
+                               word is what the pattern last finds in the page's other terminals, such as a token
+    <!-- by: FILE::TEST -->    a test of its own types it from the page, since it takes a person or a bench
     <!-- elsewhere: why -->    needs what is not here, such as a servo; only the names in it are checked
     <!-- shown: what -->       a drawing, a formula, the layout of a folder: nothing that anybody types
 
-A comment of its own, `<!-- hidden: COMMAND -->`, is run where it stands: it prepares the folder, such as
-with a bag, or checks a file.
+Comments of their own:
+
+    <!-- hidden: COMMAND -->   run where it stands: it prepares the folder, such as with a bag, or checks a file
+    <!-- aside: COMMAND -->    the same, where long blocks are run
+    <!-- beside: COMMAND -->   the same, and goes on until the page ends
+    <!-- hands: WORDS -->      what a person does at the running cell (tools/pages/hands.py)
+    <!-- stands: A for B -->   from here on A is typed where the page has B, such as an emulated port for a device
+
 `python tools/pages/blocks.py` lists how many blocks are run, and which are not and why.
 """
 
@@ -45,20 +55,25 @@ import shell_lines
 
 ROOT = Path(__file__).resolve().parents[2]
 #: What a reader has in the folder that the commands are typed in.
-TOP = ("Makefile", "benchmarks", "docs", "embedded", "examples", "ros2_ws", "tests", "tools", "requirements.lock")
-TOP += (
-    "requirements-capture.lock",
-    "requirements-parts.lock",
-    "requirements-docs.lock",
-    ".ci",
-    ".venv",
-    "pyproject.toml",
-)
+TOP = ("Makefile", "benchmarks", "docs", "embedded", "examples", "ros2_ws", "tests", "tools")
+TOP += (".ci", ".venv", "pyproject.toml", *sorted(path.name for path in ROOT.glob("requirements*")))
 LANGUAGES = ("sh", "python", "yaml", "text")
 BACKGROUND_START_S = 180.0
 _PARSER = MarkdownIt("commonmark").enable("table")
 _MARK = re.compile(r"\s*<!-- (?P<mark>[a-z]+)(?:: (?P<value>.*?))? -->")
-MARKS = ("output", "file", "long", "background", "elsewhere", "shown")
+MARKS = ("output", "file", "typed", "long", "background", "cell", "by", "elsewhere", "shown")
+#: Comments of their own; the others stand above a block.
+ALONE = ("hidden", "aside", "beside", "hands", "stands")
+#: Blocks that only `make docs-test` runs.
+LONG_MARKS = ("long", "background", "cell", "aside", "beside", "hands")
+NOT_RUN = ("by", "elsewhere", "shown")
+MAX_ENTERS = 100
+#: What a service says that did not do what it was asked for; `ros2 service call` ends with 0 all the same.
+_REFUSED = "success=False"
+_AT_HOME = re.compile(r"~/\.(?:softgrip|aws)")
+#: Added to the domain of a page's commands: another one, named OTHER_DOMAIN, for what `stands` puts there.
+_OTHER_DOMAIN = 100
+_TAKEN = re.compile(r"(?P<word>\S+) from (?P<pattern>.+)")
 _NUMBER = re.compile(r"[-+]?\d+(?:\.(\d+))?(?:e[-+]?\d+)?")
 
 
@@ -99,8 +114,8 @@ def blocks_of(page: Path) -> list[Block]:
     found = []
     for at, line in enumerate(lines):
         mark = _MARK.fullmatch(line)
-        if mark and mark["mark"] == "hidden":
-            found.append(Block(page, at + 1, "sh", mark["value"], "hidden"))
+        if mark and mark["mark"] in ALONE:
+            found.append(Block(page, at + 1, "sh", mark["value"], mark["mark"]))
     for token in _PARSER.parse(source):
         if token.type in {"fence", "code_block"} and not token.info.startswith(("{", "math")):  # of the site alone
             assert token.map is not None
@@ -115,9 +130,25 @@ def _checked(block: Block) -> Block:
         raise BlockError(f"{block.place}: expected ``` and one of {', '.join(LANGUAGES)}, found '{block.language}'")
     if block.language in {"yaml", "text"} and not block.mark:
         raise BlockError(f"{block.place}: expected a comment above that says what it is, found none")
-    if block.mark in {"elsewhere", "shown"} and not block.value:
+    if block.mark in NOT_RUN and not block.value:
         raise BlockError(f"{block.place}: expected a reason, <!-- {block.mark}: why -->, found none")
+    if block.mark == "by":
+        _check_test(block)
     return block
+
+
+def _check_test(block: Block) -> None:
+    """Check that the test that a block names is there, and reads the block's page."""
+    file, _, test = block.value.partition("::")
+    path = ROOT / file
+    text = path.read_text(encoding="utf-8") if path.is_file() else ""
+    if f"\ndef {test}(" not in text or block.page.name not in text:
+        raise BlockError(f"{block.place}: expected a test {block.value} that reads {block.page.name}, found none")
+
+
+def needs_cell(page: Path) -> bool:
+    """Return whether commands of a page are typed beside a running cell."""
+    return any(block.mark in {"cell", "hands"} for block in blocks_of(page))
 
 
 class Reader:
@@ -126,10 +157,13 @@ class Reader:
     Args:
         folder: empty one to work in.
         long: run blocks that take long as well.
+        cell: environment variables of the commands that are typed beside the running cell, such as its domain;
+            None where none runs.
     """
 
-    def __init__(self, folder: Path, *, long: bool = False) -> None:
-        self._folder, self._long = folder, long
+    def __init__(self, folder: Path, *, long: bool = False, cell: Mapping[str, str] | None = None) -> None:
+        self._folder, self._long, self._cell = folder, long, cell
+        self._stands: list[tuple[str, str]] = []
         self._names: dict[str, Any] = {"__name__": "__main__"}
         self._printed = ""
         self._background: list[subprocess.Popen[str]] = []
@@ -152,14 +186,14 @@ class Reader:
         return count
 
     def _do(self, block: Block) -> bool:
-        if block.mark in {"elsewhere", "shown"}:
-            check_names(block)
-            return False
-        if block.mark in {"long", "background"} and not self._long:
+        if block.mark in NOT_RUN or (block.mark in LONG_MARKS and not self._long):
             check_names(block)
             self._printed = ""
             return False
-        if block.mark == "file":
+        if block.mark == "stands":
+            here, _, written = block.text.partition(" for ")
+            self._stands.append((written, here))
+        elif block.mark == "file":
             self._write(block)
         elif block.mark == "output":
             if self._printed:
@@ -187,16 +221,40 @@ class Reader:
 
     def _shell(self, block: Block) -> None:
         environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "120"}
-        command = ["bash", "-euo", "pipefail", "-c", block.text]
-        if block.mark == "background":
+        environment |= self._cell or {}
+        environment["OTHER_DOMAIN"] = str(int(environment.get("ROS_DOMAIN_ID", "0")) + _OTHER_DOMAIN)
+        if _AT_HOME.search(block.page.read_text(encoding="utf-8")):
+            environment["HOME"] = str(self._folder)  # what the page keeps there is not this user's
+        command = ["bash", "-euo", "pipefail", "-c", self._typed(block)]
+        if block.mark in {"background", "beside"}:
             self._start(command, environment, block)
             return
-        done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
-        if done.returncode:
+        lines = {"cell": "\n" * MAX_ENTERS, "typed": block.value.replace("|", "\n") + "\n"}
+        done = subprocess.run(
+            command, input=lines.get(block.mark, ""), capture_output=True, text=True, env=environment, check=False
+        )
+        if done.returncode or (block.mark == "cell" and _REFUSED in done.stdout):
             raise BlockError(
                 f"{block.place}: exit code {done.returncode}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
             )
         self._printed = done.stdout + done.stderr
+
+    def _typed(self, block: Block) -> str:
+        """Return what is typed: the block, with what stands for devices and the words that other terminals show."""
+        if block.mark == "hands":
+            return f"python tools/pages/hands.py {block.text}"
+        text = block.text
+        if taken := _TAKEN.fullmatch(block.value) if block.mark == "cell" else None:
+            logs = "".join(log.read_text() for log in sorted(self._folder.glob("background-*.log")))
+            found = re.findall(taken["pattern"], logs)
+            if not found:
+                raise BlockError(
+                    f"{block.place}: expected {taken['pattern']} in another terminal, found\n{logs[-2000:]}"
+                )
+            text = text.replace(taken["word"], found[-1])
+        for written, here in self._stands:
+            text = text.replace(written, here)
+        return text
 
     def _start(self, command: list[str], environment: Mapping[str, str], block: Block) -> None:
         """Start what goes on, and wait for the words that the page says it is ready with."""
@@ -206,7 +264,7 @@ class Reader:
         )
         self._background.append(process)
         deadline = time.monotonic() + BACKGROUND_START_S
-        while block.value not in Path(log.name).read_text():
+        while block.value not in Path(log.name).read_text():  # beside: none
             if process.poll() is not None or time.monotonic() > deadline:
                 raise BlockError(
                     f"{block.place}: expected '{block.value}', found\n{Path(log.name).read_text()[-2000:]}"
@@ -290,7 +348,7 @@ def check_names(block: Block) -> None:
     Raises:
         BlockError: one does not.
     """
-    if block.mark == "shown":
+    if block.mark == "shown" or block.mark in ALONE:
         return
     if block.language == "python":
         compile(block.text, block.place, "exec")
@@ -324,11 +382,11 @@ def pages() -> list[Path]:
 def main() -> int:
     """Print how many blocks are run, and why the others are not."""
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    blocks = [block for page in pages() for block in blocks_of(page) if block.mark != "hidden"]
+    blocks = [block for page in pages() for block in blocks_of(page) if block.mark not in ALONE]
     counts = collections.Counter(block.mark or "run" for block in blocks)
     print(", ".join(f"{count} {kind}" for kind, count in counts.most_common()))
     for block in blocks:
-        if block.mark in {"elsewhere", "shown"}:
+        if block.mark in NOT_RUN:
             print(f"{block.place}: {block.mark}: {block.value}")
     return 0
 

@@ -3,7 +3,7 @@
 
 A link has to lead to a file of the repository, a heading or another site; a picture has to be there; every page has to
 be in a table of contents. Nothing is built and no network is used: Sphinx with warnings as errors
-(`make site`) finds the rest.
+(`make site`, also part of `make lint`) finds the rest, such as a name in a docstring that is nowhere.
 """
 
 from __future__ import annotations

@@ -40,7 +40,8 @@ class JointModel(StrEnum):
     """How links and strips move against each other; docs/finger.md compares them.
 
     FLEXURE: strips bend along an arc, shorten and shear, and links give near them (mode F, the default). HINGE: rigid
-    links turn about the grooves' apexes (mode P, the thesis' picture). Its recipe (mode R) is `replication.replicate`.
+    links turn about the grooves' apexes (mode P, the thesis' picture). Its recipe (mode R) is
+    `softgrip_model.finger.replication.replicate`.
     """
 
     HINGE = "hinge"

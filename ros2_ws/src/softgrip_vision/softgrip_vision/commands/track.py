@@ -28,6 +28,7 @@ from softgrip_vision import calibration
 from softgrip_vision.errors import VisionError
 from softgrip_vision.frame import FrameSource
 from softgrip_vision.layout import ChainLayout, Chains, FingerSetup, read_chains
+from softgrip_vision.options import TrackerOptions
 from softgrip_vision.overlay import draw
 from softgrip_vision.readings import FingerReading
 from softgrip_vision.report import Rows, plot, write_csv
@@ -65,6 +66,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--profiles", type=Path, help="folder of profiles (default: the shipped ones)")
     parser.add_argument("--fingers", nargs="+", help="which planes of the calibration to look at (default: all)")
     parser.add_argument("--hue", type=float, default=120.0, help="colour of the markers [deg] (default 120: green)")
+    parser.add_argument("--placement-mm", type=float, default=0.3, metavar="MM",
+                        help="how exactly the markers were stuck on (default 0.3: by hand)")  # fmt: skip
     parser.add_argument("--no-overlay", action="store_true", help="write no overlay video")
     return parser
 
@@ -75,7 +78,8 @@ def _track(arguments: argparse.Namespace) -> None:
     if not names:
         raise VisionError(f"{arguments.calibration}: expected a finger's plane, found none; run calibrate_camera plane")
     chains, profile = _chains(arguments, names)
-    tracker = Tracker(tuple(FingerSetup(name, arguments.hue) for name in names), chains, known, profile)
+    setups = tuple(FingerSetup(name, arguments.hue) for name in names)
+    tracker = Tracker(setups, chains, known, profile, TrackerOptions(placement_stddev_m=arguments.placement_mm / 1e3))
     source = open_source(arguments.video, start_ns=START_NS)
     try:
         _make_folder(arguments.out)
