@@ -97,7 +97,9 @@ class GraspSettings:
     tip_m: float = _setting(
         0.012, "distance of a seen fingertip from its predicted place that is called a contact", "m", 0.0005, 0.05
     )
-    tip_unchecked_factor: float = _setting(2.0, "times tip_m at most, beyond the path that the check covered", "", 1.0, 10.0)
+    tip_unchecked_factor: float = _setting(
+        2.0, "times tip_m at most, beyond the path that the check covered", "", 1.0, 10.0
+    )
     tip_pair_s: float = _setting(0.05, "longest time between a frame and its prediction", "s", 0.001, 1.0)
     tip_fresh_s: float = _setting(0.1, "a frame older than this is not used", "s", 0.01, 1.0)
     min_blockage_m: float = _setting(
