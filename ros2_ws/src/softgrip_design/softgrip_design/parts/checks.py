@@ -22,7 +22,7 @@ VOLUME_TOLERANCE = 2e-3
 #: Chords of a round hole leave it by this much at most; a volume below this one is such a chord's.
 CHORD_PLAY_MM, MAX_STRAY_MM3 = 0.03, 0.01
 #: Longest edge of the triangles from which walls are measured; smaller ones than this area have no sure normal.
-WALL_STEP_MM, MIN_TRIANGLE_MM2 = 1.0, 1e-9
+SAMPLE_STEP_MM, MIN_TRIANGLE_MM2 = 1.0, 1e-9
 #: A ray begins this deep in the solid; faces within 20 deg of parallel are two sides of a wall.
 SKIN_MM, PARALLEL_COSINE = 1e-4, 0.94
 
@@ -48,7 +48,7 @@ def problems_of(solid: Solid, channels: tuple[Bore, ...]) -> list[str]:
         found.append(f"its triangles hold {body.volume():.1f} mm3, the solid {solid.volume_mm3:.1f} mm3")
     else:
         found += [text for bore in channels for text in _channel_problems(m, body, bore)]
-        found += _wall_problems(body, solid.form.letters)
+        found += _thickness_problems(body, solid.form.letters)
     return found
 
 
@@ -67,13 +67,13 @@ def _cuts_itself(shape: Any) -> bool:
     return bool(analyzer.HasFaulty())
 
 
-def _wall_problems(body: Any, letters: tuple[Prism, ...]) -> list[str]:
+def _thickness_problems(body: Any, letters: tuple[Prism, ...]) -> list[str]:
     """Return where two faces that lie behind each other leave less than a nozzle's width.
 
     A ray goes in from the middle of every small triangle of the surface, straight down. What it meets within a nozzle's
     width is the other side of a wall where the two faces are parallel, or nearly so; at an edge they are not.
     """
-    mesh = body.refine_to_length(WALL_STEP_MM).to_mesh64()
+    mesh = body.refine_to_length(SAMPLE_STEP_MM).to_mesh64()
     a, b, c = np.asarray(mesh.vert_properties)[:, :3][np.asarray(mesh.tri_verts)].transpose(1, 0, 2)
     normals, middles = np.cross(b - a, c - a), (a + b + c) / 3.0
     sizes = np.linalg.norm(normals, axis=1)
