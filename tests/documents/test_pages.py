@@ -35,6 +35,7 @@ NOT_RUN = {
     "downloads 500 MB and opens a window; `make long-tests` reads such a file with Rerun": 1,
     "downloads 660 MB; `make docs-test` has done it": 2,
     "needs ROS 2 Jazzy": 3,
+    "needs ROS 2 Jazzy and a camera": 1,
     "needs RViz and ros2_control of ROS 2 Jazzy": 1,
     "needs ros2_control of ROS 2 Jazzy": 2,
     "needs a camera that sees your hand": 1,

@@ -32,9 +32,19 @@ def load(name: str) -> ModuleType:
     return load_script(ROOT / f"tools/docs/{name}.py")
 
 
-@pytest.mark.parametrize("name", ["build_wiring", "build_spool", "build_knot", "build_camera", "build_rig"])
+@pytest.mark.parametrize("name", load_script(ROOT / "tools/docs/drawings.py").PICTURES)
 def test_a_picture_is_what_the_code_draws(name: str) -> None:
-    assert (ROOT / f"docs/figures/{name}.svg").read_text() == load("build").PICTURES[name]()
+    assert (ROOT / f"docs/figures/{name}.svg").read_text() == load("drawings").PICTURES[name]()
+
+
+def test_the_currents_drawn_are_those_of_the_page() -> None:
+    """At rest the supply gives R i^2 / V (balance of power, docs/driver.md)."""
+    winding, supply = load("driver_current").currents(5.0)
+    motor = MODELS["XL330-M288"]
+    assert supply == pytest.approx(winding**2 * motor.resistance / motor.rated_voltage)
+    assert winding == pytest.approx(5.0 * 0.01 / (0.52 / 1.47) + motor.no_load_current)  # e-manual: 0.52 N m at 1.47 A
+    page = (ROOT / "docs/driver.md").read_text()
+    assert f"5 N are {winding:.1f} A in the winding and {1e3 * supply:.0f} mA from the supply" in page
 
 
 def test_each_drive_has_a_plate() -> None:
@@ -52,8 +62,10 @@ def test_the_links_of_a_page_lead_somewhere(page: Path) -> None:
 def test_figures_of_the_pages_are_those_of_the_code() -> None:
     servos, camera = ((ROOT / f"docs/build/{name}.md").read_text() for name in ("servos", "camera"))
     plan, settings = TensioningPlan(), WizardSettings(Path())
-    assert f"about {SpoolPull().tension_n:g} N, {SpoolPull().reach_m * 1e3:g} mm at most" in servos
-    assert f"holds {plan.tension_n:g} N for {plan.hold_s:g} s" in servos
+    pull = SpoolPull()
+    most = f"{pull.reach_m * 1e3:g} mm at most"
+    assert f"about {pull.tension_n:g} N, more where that does not turn the gears, {most}" in servos
+    assert f"holds {plan.tension_n:g} N (a Feetech {FEETECH_TENSION_N:g} N) for {plan.hold_s:g} s" in servos
     assert f"less than {SETTLED_M * 1e3:g} mm | {settings.slack_m * 1e3:g} mm of slack" in servos
     exposure = (camera_steps.MIN_SIGNAL, 100 * camera_steps.MAX_CLIPPED_SHARE, 100 * camera_steps.MAX_FLICKER)
     assert "| {:g} grey levels; {:g} %; {:g} % |".format(*exposure) in camera

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws the pictures of docs/build as SVG: wiring, spool, knot, camera, friction rig. Dimensions come from the code."""
+"""Draws pictures of lines, boxes and words as SVG: those of docs/build, the driver's cycle, the emulated cell's wires.
+
+Dimensions and rates come from the code.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from pathlib import Path
 from softgrip_description.hand import shipped_hand
 from softgrip_design.parts import bench, bill, drives, finger_form
 from softgrip_driver.dynamixel.registers import MODELS
+from softgrip_driver.nodes.tendon_parameters import PARAMETERS
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_model.profile import load, shipped_directory
 
@@ -244,7 +248,74 @@ def rig() -> str:
     return drawing.svg()
 
 
-PICTURES = {"build_wiring": wiring, "build_spool": spool, "build_knot": knot, "build_camera": camera, "build_rig": rig}
+def driver_cycle() -> str:
+    """Return what tendon_driver does in one cycle of its bus, and who talks to it from which thread."""
+    drawing = Drawing(860, 380, "One cycle of the tendon driver: read, believe, guard, move, write; orders and stops")
+    steps = (
+        "read\none group read\nof all servos",
+        "believe\nlate, jumped,\nrebooted?",
+        "guards\nbroken, slack,\njammed, too hot",
+        "motion\nsetpoint, trim,\ntension limit",
+        "write\none group write\nof all goals",
+    )
+    width, left, top = 132, 20, 150
+    for number, text in enumerate(steps):
+        x = left + 172 * number
+        drawing.box(x, top, width, 78, text, GREEN)
+        if number:
+            drawing.line((x - 40, top + 39), (x, top + 39), colour=GREEN, arrow=True)
+    end = left + 172 * (len(steps) - 1) + width / 2
+    drawing.line(
+        (end, top + 78), (end, 262), (left + width / 2, 262), (left + width / 2, top + 78), colour=GREEN, arrow=True
+    )
+    rates = {parameter.name: parameter.default for parameter in PARAMETERS.rows}
+    at_rest = max(rates["rest_rate"], 2.0 / rates["bus_watchdog_s"])
+    text = f"bus thread: {rates['loop_rate']:g} cycles a second, {at_rest:g} at rest"
+    drawing.text(430, 282, text, GREEN, "middle")
+    drawing.box(left + 172 * 1, 20, 304, 60, "executor\nservices, actions, streams")
+    drawing.line((left + 172 * 2 + 66, 80), (left + 172 * 3 + 40, top), arrow=True)
+    drawing.text(left + 172 * 3 - 30, 104, "orders, each with a deadline")
+    drawing.box(left + 172 * 3 + 30, 20, 262, 60, "emergency stop\nsession, queue, thread of its own", RUST)
+    drawing.line((end, 80), (end, top), colour=RUST, arrow=True)
+    drawing.text(end + 8, 128, "torque off", RUST)
+    drawing.box(left, 312, 304, 50, "safety file\nread before the port is opened", RUST)
+    drawing.line((left + 30, 312), (left + 30, top + 78), colour=RUST, arrow=True)
+    drawing.text(344, 342, "tendon/state every cycle, tendon/status ten times a second, faults by name")
+    return drawing.svg()
+
+
+def emulator_wires() -> str:
+    """Return what is inside the emulated cell, and by which wires the suite's nodes meet it."""
+    drawing = Drawing(860, 360, "The emulated cell: one plant behind pseudo-terminals, a camera stream and a clock")
+    drawing.box(20, 30, 250, 70, "plant\nbeams, cables, friction, products")
+    drawing.box(20, 130, 250, 60, "servos\nmotor, gears, firmware, registers")
+    drawing.box(20, 220, 250, 50, "friction rig\nstand, gauge, weights")
+    drawing.box(20, 290, 250, 50, "camera\npictures of fingers and markers")
+    drawing.line((145, 100), (145, 130))
+    rows = (
+        (160, "servos: bytes of the maker's protocol", "tendon_driver"),
+        (245, "stand, gauge: lines of text", "friction_rig"),
+        (315, "camera.url: motion JPEG", "camera, marker_tracker"),
+        (65, "time: who lives in the cell's time", "nodes that it waits for"),
+    )
+    for y, wire, node in rows:
+        colour = RUST if y == 65 else GREEN
+        drawing.line((270, y), (600, y), colour=colour, arrow=True)
+        drawing.text(435, y - 9, wire, colour, "middle")
+        drawing.box(600, y - 22, 240, 44, node)
+    drawing.text(435, 354, "no node of the suite sees more than a bench would show it", SOFT, "middle")
+    return drawing.svg()
+
+
+PICTURES = {
+    "build_wiring": wiring,
+    "build_spool": spool,
+    "build_knot": knot,
+    "build_camera": camera,
+    "build_rig": rig,
+    "driver_cycle": driver_cycle,
+    "emulator_wires": emulator_wires,
+}
 
 
 def main() -> int:
