@@ -21,5 +21,5 @@ def test_sql_over_fifty_bags_gives_the_figures_of_their_reports() -> None:
     assert done.returncode == 0, done.stderr
     claim = json.loads(done.stdout)
     assert "50 bags" in claim["note"]
-    assert claim["runs"] > 1000
+    assert claim["runs"] > 900
     assert claim["value"] == 0, claim["note"]
