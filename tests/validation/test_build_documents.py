@@ -65,7 +65,7 @@ def test_figures_of_the_pages_are_those_of_the_code() -> None:
     pull = SpoolPull()
     most = f"{pull.reach_m * 1e3:g} mm at most"
     assert f"about {pull.tension_n:g} N, more where that does not turn the gears, {most}" in servos
-    assert f"holds {plan.tension_n:g} N (a Feetech {FEETECH_TENSION_N:g} N) for {plan.hold_s:g} s" in servos
+    assert f"holds {plan.tension_n:g} N (a Feetech 12 N) for {plan.hold_s:g} s" in servos
     assert f"less than {SETTLED_M * 1e3:g} mm | {settings.slack_m * 1e3:g} mm of slack" in servos
     exposure = (camera_steps.MIN_SIGNAL, 100 * camera_steps.MAX_CLIPPED_SHARE, 100 * camera_steps.MAX_FLICKER)
     assert "| {:g} grey levels; {:g} %; {:g} % |".format(*exposure) in camera
