@@ -362,6 +362,23 @@ def test_every_topic_service_and_action_is_explained() -> None:
     assert {name for name in made if not name.startswith("~")} - explained <= standard
 
 
+def test_every_type_of_the_cores_headers_has_a_heading_with_its_comment() -> None:
+    made = load_script(ROOT / "tools/docs/reference.py").pages()
+    for name, (_, _, package, pattern) in load_script(ROOT / "tools/pages/generated/cpp.py").PAGES.items():
+        page = made[f"cpp/{name}.md"]
+        headings = re.findall(r"^### `(.*)`$", page, re.MULTILINE)
+        for header in (ROOT / "ros2_ws/src" / package / "include/softgrip").glob(pattern):
+            text = header.read_text()
+            if not header.name.endswith("-inl.hpp"):
+                for kind in re.findall(r"^(?:class|struct|enum class) (\w+)[^;]*\{", text, re.MULTILINE):
+                    assert kind in headings, (header.name, kind)
+    law = made["cpp/finger.md"].partition("### `KReading`")[2]
+    assert law.startswith("\n\nReading of K in Eq 3.8. Printed: K = -x, as the thesis prints it.")
+    solver = made["cpp/gdfe.md"].partition("### `Solver`")[2].partition("\n### ")[0]
+    assert "Outcome solve(const Task& task" in solver
+    assert "measure_balance" not in solver  # private
+
+
 def test_every_package_has_a_page_of_its_python_api() -> None:
     reference = load_script(ROOT / "tools/docs/reference.py")
     on_pages = {title.partition(".")[0] for title, _, _ in reference.api.PAGES.values()}
