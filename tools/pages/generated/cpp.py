@@ -31,7 +31,7 @@ _PRIVATE = re.compile(r"^ (?:private|protected):\n.*?(?=^(?: public:|\};))", re.
 _NAMES = (
     re.compile(r"\b(?:class|struct|enum(?:\s+class)?)\s+(\w+)"),
     re.compile(r"\b(?:using|concept)\s+(\w+)"),
-    re.compile(r"\bconstexpr\s[\w:<>, ]*?(\w+)\s*(?:=|\{[^}]*\};)"),  # a constant
+    re.compile(r"^(?:inline |static )*constexpr\s[\w:<>, ]*?(\w+)\s*(?:=|\{[^}]*\};)"),  # a constant
     re.compile(r"([\w~]+(?:\s*[-+*/=<>&|!^]+)?)\s*\("),  # a function, an operator
     re.compile(r"(\w+)\s*(?:\{|=|;|\[)"),  # a constant
 )
