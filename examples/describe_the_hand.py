@@ -4,7 +4,8 @@
 import sys
 from pathlib import Path
 
-from softgrip_description import mjcf_of, shipped_hand, urdf_of
+from softgrip_description import shipped_hand, urdf_of
+from softgrip_description.mjcf import mjcf_of
 from softgrip_model.profile import load_directory, shipped_directory
 
 

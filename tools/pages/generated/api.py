@@ -39,7 +39,7 @@ PAGES = {
         "From a demonstration to a finger.",
         ("", ".trajectory", ".target", ".design", ".objective", ".optimiser", ".output"),
     ),
-    "description": ("softgrip_description", "The hand as URDF and MJCF.", ("",)),
+    "description": ("softgrip_description", "The hand as URDF and MJCF.", ("", ".mjcf")),
     "vision": ("softgrip_vision", "Markers to joint angles.", ("", ".tracker", ".layout", ".calibration")),
     "cell": (
         "softgrip_cell",

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The hand, described once: palm, slots, finger bases, tool centre points; from it URDF, xacro, tf, joints and MJCF.
+"""The hand, described once: palm, slots, finger bases, tool centre points; from it URDF, xacro, tf and joints.
+
+MJCF asks the finger kernel how a joint gives: `softgrip_description.mjcf`, which the emulator does not import.
 
 Example:
     >>> from softgrip_description import shipped_hand, urdf_of
@@ -11,7 +13,6 @@ Example:
 from softgrip_description.errors import HandError
 from softgrip_description.geometry import finger_joint_names, flexure_names, link_poses, slot_pose
 from softgrip_description.hand import Hand, HandSlot, load_hand, shipped_hand
-from softgrip_description.mjcf import mjcf_of
 from softgrip_description.urdf import urdf_of
 from softgrip_description.xacro_macro import macro_of
 
@@ -24,7 +25,6 @@ __all__ = [
     "link_poses",
     "load_hand",
     "macro_of",
-    "mjcf_of",
     "shipped_hand",
     "slot_pose",
     "urdf_of",

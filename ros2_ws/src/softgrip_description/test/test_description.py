@@ -9,8 +9,9 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from softgrip_description import finger_joint_names, link_poses, mjcf_of, shipped_hand, slot_pose, urdf_of
+from softgrip_description import finger_joint_names, link_poses, shipped_hand, slot_pose, urdf_of
 from softgrip_description.geometry import quaternion_of, rotation_of, rpy_of
+from softgrip_description.mjcf import mjcf_of
 from softgrip_description.pose_feed import HandPose
 from softgrip_description.solids import base_outline, link_outline, prism_inertia, prism_triangles, stl_of
 from softgrip_model.finger import Finger, JointModel, Kernel

@@ -9,7 +9,8 @@ import math
 import numpy as np
 import pytest
 
-from softgrip_description import mjcf_of, shipped_hand, slot_pose
+from softgrip_description import shipped_hand, slot_pose
+from softgrip_description.mjcf import mjcf_of
 from softgrip_description.mjcf_flexures import Side, springs_of
 from softgrip_model.finger import FRICTIONLESS, Finger, Kernel, MomentLaw, Strip, compliances
 from softgrip_model.profile import Profile, load, shipped_directory

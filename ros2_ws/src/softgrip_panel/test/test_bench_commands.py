@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,6 +33,7 @@ case "$3" in
 scan) echo "ID 1" >&2; printf "no end of line" ;;
 selftest) exit 1 ;;
 setup) sleep 60 ;;
+deaf) trap "" INT; echo "deaf now"; sleep 60 ;;
 esac
 """
 
@@ -129,6 +131,35 @@ def test_a_step_is_ended_with_all_that_it_started(work: BenchCommands, state: Pa
         assert work.stop(ADA).success  # ending is everybody's who operates
         await ended(work)
         assert not work.stop(ADA).success
+
+    state.control.take_control(IDA)
+    asyncio.run(asyncio.wait_for(run(), 20.0))
+    assert work.output.code != 0
+
+
+def test_a_step_that_does_not_end_when_it_is_asked_to_is_killed(
+    work: BenchCommands, state: PanelState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(bench_commands, "END_S", 0.3)
+    deaf = TerminalStep("scan", ("ros2", "run", "softgrip_driver", "deaf"), is_run_here=True)
+
+    async def run() -> None:
+        work.begin_step(IDA, deaf)
+        while "deaf now" not in work.output.lines:
+            await asyncio.sleep(0.02)
+        assert work.stop(ADA).success
+        await ended(work)
+
+    state.control.take_control(IDA)
+    asyncio.run(asyncio.wait_for(run(), 20.0))
+    assert work.output.code == -signal.SIGKILL
+
+
+def test_a_step_can_be_ended_before_it_has_begun(work: BenchCommands, state: PanelState) -> None:
+    async def run() -> None:
+        work.begin_step(IDA, id_step(FREE, 1, 57_600, 3))
+        assert work.stop(ADA).success
+        await ended(work)
 
     state.control.take_control(IDA)
     asyncio.run(asyncio.wait_for(run(), 20.0))

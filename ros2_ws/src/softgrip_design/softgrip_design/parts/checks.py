@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from softgrip_design.parts.forms import Bore, Prism
 from softgrip_design.parts.printing import NOZZLE_MM
 
-if TYPE_CHECKING:
-    from softgrip_design.parts.solid import Solid
-
 Array = NDArray[np.float64]
+Triangles = NDArray[np.int32]
 
 #: How far the volume of the mesh may differ from that of the solid: chords of bores and roundings.
 VOLUME_TOLERANCE = 2e-3
@@ -27,28 +25,33 @@ SAMPLE_STEP_MM, MIN_TRIANGLE_MM2 = 1.0, 1e-9
 SKIN_MM, PARALLEL_COSINE = 1e-4, 0.94
 
 
-def problems_of(solid: Solid, channels: tuple[Bore, ...]) -> list[str]:
+def problems_of(
+    shape: Any, vertices: Array, triangles: Triangles, channels: tuple[Bore, ...], letters: tuple[Prism, ...]
+) -> list[str]:
     """Return what is wrong with a solid; nothing where it can be printed.
 
     Args:
-        solid: to look at.
+        shape: build123d's Solid [mm].
+        vertices: (n, 3) [mm] of its surface in triangles.
+        triangles: (m, 3) into vertices, normals outwards.
         channels: bores of it that must have a wall of a nozzle's width all around.
+        letters: engraved; what is left between their strokes is no wall.
     """
     import manifold3d as m  # noqa: PLC0415  an extra
 
     found = []
-    if not solid.shape.is_valid:
+    if not shape.is_valid:
         found.append("Open CASCADE finds its surface not closed (BRepCheck)")
-    elif _cuts_itself(solid.shape):
+    elif _cuts_itself(shape):
         found.append("its surface cuts itself (Open CASCADE's BOPAlgo_ArgumentAnalyzer)")
-    body = m.Manifold(m.Mesh64(solid.vertices, solid.triangles.astype(np.uint64)))
+    body = m.Manifold(m.Mesh64(vertices, triangles.astype(np.uint64)))
     if body.status() != m.Error.NoError:
         found.append(f"its triangles are not watertight (manifold3d: {body.status().name})")
-    elif abs(body.volume() - solid.volume_mm3) > VOLUME_TOLERANCE * solid.volume_mm3:
-        found.append(f"its triangles hold {body.volume():.1f} mm3, the solid {solid.volume_mm3:.1f} mm3")
+    elif abs(body.volume() - shape.volume) > VOLUME_TOLERANCE * shape.volume:
+        found.append(f"its triangles hold {body.volume():.1f} mm3, the solid {shape.volume:.1f} mm3")
     else:
         found += [text for bore in channels for text in _channel_problems(m, body, bore)]
-        found += _thickness_problems(body, solid.form.letters)
+        found += _thickness_problems(body, letters)
     return found
 
 

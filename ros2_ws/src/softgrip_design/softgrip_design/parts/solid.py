@@ -68,16 +68,12 @@ def make_solid(form: Form, channels: tuple[Bore, ...] = ()) -> Solid:
     # mouths are rounded while there are few edges: letters have hundreds
     shape = _rounded_mouths(b, form, _without(form, shape, [_bored(b, bore) for bore in form.bores]))
     shape = _without(form, shape, [_extruded(b, prism) for prism in (*form.pockets, *form.letters)])
-    solid = solid_of(form, shape)
-    problems = problems_of(solid, channels)
+    vertices, triangles = triangles_of(shape)
+    solid = Solid(form, shape, vertices, triangles, float(shape.volume))
+    problems = problems_of(shape, vertices, triangles, channels, form.letters)
     if problems:
         raise PartError("; ".join(f"{form.title}: {text}" for text in problems))
     return solid
-
-
-def solid_of(form: Form, shape: Any) -> Solid:
-    """Return build123d's Solid of a form with its triangles, unchecked."""
-    return Solid(form, shape, *_triangles(shape), float(shape.volume))
 
 
 def _united(b: Any, form: Form) -> Any:
@@ -137,8 +133,11 @@ def _rounded_mouths(b: Any, form: Form, shape: Any) -> Any:
     return _without(form, shape, [])
 
 
-def _triangles(shape: Any) -> tuple[Array, Triangles]:
-    """Return the surface with every point once; Open CASCADE gives each face points of its own."""
+def triangles_of(shape: Any) -> tuple[Array, Triangles]:
+    """Return a surface's vertices (n, 3) [mm] and triangles (m, 3), every point once.
+
+    Open CASCADE gives each face points of its own.
+    """
     points, triangles = shape.tessellate(TOLERANCE_MM, ANGLE_RAD)
     rounded = np.round(np.array([tuple(point) for point in points]), 6)
     vertices, number = np.unique(rounded, axis=0, return_inverse=True)

@@ -66,6 +66,7 @@ class BenchCommands:
         self._output = BenchOutput()
         self._process: asyncio.subprocess.Process | None = None
         self._task: asyncio.Task[None] | None = None
+        self._asked_to_end = asyncio.Event()
 
     @property
     def output(self) -> BenchOutput:
@@ -84,6 +85,7 @@ class BenchCommands:
             if self._bench().has_bus:
                 raise ActRefusedError(say("setup.bus_busy"))
             self._lines.clear()
+            self._asked_to_end = asyncio.Event()
             self._output = BenchOutput(step.key, step.command, is_running=True)
             self._task = asyncio.get_running_loop().create_task(self._run(person, step))
             return say("done.begun")
@@ -91,12 +93,12 @@ class BenchCommands:
         return self._desk.carry_out(person, "bench", step.command, start, needs_control=True, role=Role.ENGINEER)
 
     def stop(self, person: Person) -> ActResult:
-        """Ask the command to end."""
+        """Ask the command to end; one that does not within END_S is killed."""
 
         def end() -> str:
             if not self._output.is_running:
                 raise ActRefusedError(say("error.bench_idle"))
-            self._signal(signal.SIGINT)
+            self._asked_to_end.set()
             return say("done.asked_to_end")
 
         return self._desk.carry_out(person, "bench_end", self._output.command, end, needs_control=False)
@@ -121,12 +123,14 @@ class BenchCommands:
         self._desk.record_event(person.name, "bench", step.command, success=code == 0, message=f"exit code {code}")
 
     async def _followed(self, process: asyncio.subprocess.Process) -> int:
-        """Keep what a process says, and return its code; one that takes too long is ended."""
+        """Keep what a process says, and return its code; one that takes too long, or is asked to, is ended."""
         reading = asyncio.ensure_future(self._read(process))
-        try:
-            await asyncio.wait_for(asyncio.shield(reading), LIMIT_S)
-        except TimeoutError:
-            self._lines.append(say("error.job_late"))
+        asked = asyncio.ensure_future(self._asked_to_end.wait())
+        done, _ = await asyncio.wait({reading, asked}, timeout=LIMIT_S, return_when=asyncio.FIRST_COMPLETED)
+        asked.cancel()
+        if reading not in done:
+            if not done:
+                self._lines.append(say("error.job_late"))
             self._signal(signal.SIGINT)
             done, _ = await asyncio.wait({reading}, timeout=END_S)
             if not done:
