@@ -63,8 +63,8 @@ def test_figures_of_the_pages_are_those_of_the_code() -> None:
     servos, camera = ((ROOT / f"docs/build/{name}.md").read_text() for name in ("servos", "camera"))
     plan, settings = TensioningPlan(), WizardSettings(Path())
     pull = SpoolPull()
-    most = f"{pull.reach_m * 1e3:g} mm at most"
-    assert f"about {pull.tension_n:g} N, more where that does not turn the gears, {most}" in servos
+    reach = f"{pull.reach_m * 1e3:g} mm at most"
+    assert f"about {pull.tension_n:g} N, more where that does not turn the gears, {reach}" in servos
     assert f"holds {plan.tension_n:g} N (a Feetech 12 N) for {plan.hold_s:g} s" in servos
     assert f"less than {SETTLED_M * 1e3:g} mm | {settings.slack_m * 1e3:g} mm of slack" in servos
     exposure = (camera_steps.MIN_SIGNAL, 100 * camera_steps.MAX_CLIPPED_SHARE, 100 * camera_steps.MAX_FLICKER)
