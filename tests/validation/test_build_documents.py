@@ -10,7 +10,7 @@ from types import ModuleType
 
 import pytest
 
-from softgrip_demo.first_run import bus_steps, camera_steps
+from softgrip_demo.first_run import camera_steps
 from softgrip_demo.first_run.cube import TEST_CUBE
 from softgrip_design.parts import drives
 from softgrip_design.parts.bill import TURNS
@@ -18,6 +18,7 @@ from softgrip_driver.damiao import frames as damiao
 from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_driver.feetech import registers as feetech
 from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.tendon.units import TorqueModel
 from softgrip_driver.wizard.direction import SpoolPull
 from softgrip_driver.wizard.tensioning import SETTLED_M, TensioningPlan
 from softgrip_driver.wizard.wizard import WizardSettings
@@ -74,7 +75,7 @@ def test_figures_of_the_pages_are_those_of_the_code() -> None:
     assert f"| {LARGEST_RMS:g} px; {camera_steps.MAX_LINK_ERROR_M * 1e3:g} mm |" in camera
     assert f"| {camera_steps.MAX_STALE_FRAMES} of them |" in camera
     assert f"| {camera_steps.MIN_PICTURE_LEVEL:g} grey levels |" in camera
-    assert f"known to {100 * bus_steps.MAX_TENSION_SHARE:g} %" in servos
+    assert f"known to {100 * TorqueModel.relative_stddev:g} % from the data sheet" in servos
     assert "2 walls, 30 % infill" in (ROOT / "docs/build/printing.md").read_text()
     printing, bill = ((ROOT / f"docs/build/{name}.md").read_text() for name in ("printing", "bill"))
     assert f"{TEST_CUBE.size_m[0] * 1e3:g} mm" in printing
