@@ -80,8 +80,7 @@ def test_figures_of_the_pages_are_those_of_the_code() -> None:
     printing, bill = ((ROOT / f"docs/build/{name}.md").read_text() for name in ("printing", "bill"))
     assert f"{TEST_CUBE.size_m[0] * 1e3:g} mm" in printing
     assert f"{TEST_CUBE.mass_kg * 1e3:g} g" in printing
-    for name in ("XL330-M288", "XC330-M288"):
-        assert f"{MODELS[name].stall_torque:g} N m" in bill
+    assert f"{MODELS['XL330-M288'].stall_torque:g} N m" in bill
     assert f"(three XL330: {3 * MODELS['XL330-M288'].stall_current:.1f} A)" in bill
 
 
