@@ -40,7 +40,7 @@ from softgrip_driver.wizard.naming import find_new_servo
 from softgrip_driver.wizard.sections import CellSections, FoundDevices
 from softgrip_emulator.cell import EmulatedCell
 from softgrip_emulator.dynamixel.servo import FACTORY_BAUD, FACTORY_ID
-from softgrip_emulator.plant.cell import ServoPlace
+from softgrip_emulator.plant.cell import STEP_S, ServoPlace
 from softgrip_model.profile import load_directory, shipped_directory
 from softgrip_time import SimulatedClock
 
@@ -146,6 +146,21 @@ def test_a_tendon_wound_the_other_way_round_is_named(tmp_path: Path) -> None:
         assert "middle: pulls in direction: expected -1, found 1; the tendon of 'middle' is wound" in complaint
     finally:
         bench.cell.close()
+
+
+def test_a_knot_that_slips_while_the_wizard_pulls_is_named(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    plant, step = bench.cell.plant, bench.cell.plant.step
+
+    def slipping(dt_s: float = STEP_S) -> None:
+        step(dt_s)
+        if plant.bank.tension_n[1] > 4.0:
+            slack_m = plant.disturbances.extra_slack_m
+            slack_m["middle"] = slack_m.get("middle", 0.0) + 1e-3 * dt_s
+
+    monkeypatch.setattr(plant, "step", slipping)
+    (complaint,) = bench.look("zero").complaints
+    assert "middle: zero moved by" in complaint
+    assert "a knot that slips" in complaint
 
 
 def test_two_new_servos_at_once_are_named(tmp_path: Path) -> None:
