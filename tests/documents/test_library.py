@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import subprocess
 import sys
@@ -13,8 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from softgrip_testing.scripts import load_script
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "ros2_ws/src/softgrip_model"
+COMMANDS = ROOT / "tools/pages/generated/commands.py"
+TASKS = (ROOT / "docs/reference/tasks.md").read_text(encoding="utf-8")
 NUMBER = r"-?\d+(?:\.\d+)?"
 
 
@@ -63,3 +68,17 @@ def test_the_wheel_does_without_ros_and_without_the_repository(tmp_path: Path) -
                         (notebook(), check_printed)):  # fmt: skip
         ran = subprocess.run([python, "-I", "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
         assert check(ran.stdout) is not False
+
+
+@pytest.mark.parametrize("name", re.findall(r"\[`(softgrip_[\w.]+)`\]", TASKS))
+def test_a_name_beside_a_task_can_be_imported(name: str) -> None:
+    module, _, member = name.rpartition(".")
+    assert callable(getattr(importlib.import_module(module), member))
+
+
+def test_a_command_beside_a_task_is_installed() -> None:
+    known = {command for commands in load_script(COMMANDS).executables().values() for command in commands}
+    cells = [line.split("|")[2] for line in TASKS.splitlines() if line.startswith("| ")][2:]
+    named = {words.split()[0] for cell in cells for words in re.findall(r"`([^`/]+)`", cell)}
+    assert len(named) >= 15
+    assert named <= known

@@ -20,10 +20,15 @@ from pathlib import Path
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 
+sys.path.append(str(Path(__file__).parent))
+
+from generated import api
+
 ROOT = Path(__file__).resolve().parents[2]
 GENERATED = ROOT / "docs/reference/generated"
 #: Written by scripts when the site is built.
 GENERATED_PAGES = {"topics", "interfaces", "parameters", "faults", "commands", "file-formats", "api/index", "cpp/index"}
+GENERATED_PAGES |= {f"api/{name}" for name in api.PAGES}
 ROOT_PAGE = ROOT / "docs/index.md"
 _EXTERNAL = re.compile(r"[a-z][a-z0-9+.-]*:")
 _TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```", re.MULTILINE | re.DOTALL)
