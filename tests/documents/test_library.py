@@ -18,7 +18,7 @@ from softgrip_testing.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "ros2_ws/src/softgrip_model"
-COMMANDS = ROOT / "tools/pages/generated/commands.py"
+NAMED = ROOT / "tools/pages/named.py"
 TASKS = (ROOT / "docs/reference/tasks.md").read_text(encoding="utf-8")
 NUMBER = r"-?\d+(?:\.\d+)?"
 
@@ -77,7 +77,7 @@ def test_a_name_beside_a_task_can_be_imported(name: str) -> None:
 
 
 def test_a_command_beside_a_task_is_installed() -> None:
-    known = {command for commands in load_script(COMMANDS).executables().values() for command in commands}
+    known = {command for commands in load_script(NAMED).commands.executables().values() for command in commands}
     cells = [line.split("|")[2] for line in TASKS.splitlines() if line.startswith("| ")][2:]
     named = {words.split()[0] for cell in cells for words in re.findall(r"`([^`/]+)`", cell)}
     assert len(named) >= 15
