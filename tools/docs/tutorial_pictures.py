@@ -20,6 +20,8 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Tutorial -> picture that it makes -> its name in docs/images.
 PICTURES = {
     "close-a-finger": {"closing.png": "tutorial_closing.png"},
+    "design-from-a-film": {"design/my_power.png": "tutorial_design.png"},
+    "measure-friction": {"fits/fit.png": "tutorial_friction.png"},
     "simulate-a-shape": {"shapes/rest.png": "tutorial_beam.png"},
 }
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -17,12 +18,15 @@ from matplotlib import pyplot as plt
 
 Array = NDArray[np.float64]
 COLOURS = mpl.color_sequences["tab10"]
+#: of a title, so that it fits its figure
+LETTERS_PER_INCH = 10
 
 
 def draw_design(title: str, design: HandDesign, path: Path) -> None:
     """Draw every followed finger as Fig 4.5 does: joint over whole deflection, human solid, finger dashed."""
     columns = len(design.followed)
-    figure, axes = plt.subplots(1, columns, figsize=(3.6 * columns, 3.9), layout="constrained", squeeze=False)
+    width_in = 3.6 * columns
+    figure, axes = plt.subplots(1, columns, figsize=(width_in, 3.9), layout="constrained", squeeze=False)
     for axis, one in zip(axes[0], design.followed, strict=True):
         total = np.degrees(one.target.deflection_rad)
         for j in range(one.target.joints):
@@ -34,7 +38,7 @@ def draw_design(title: str, design: HandDesign, path: Path) -> None:
             ylabel="joint angle [deg]",
         )
         axis.legend(fontsize="small")
-    figure.suptitle(title)
+    figure.suptitle(textwrap.fill(title, int(LETTERS_PER_INCH * width_in), break_on_hyphens=False))
     figure.savefig(path, dpi=130)
     plt.close(figure)
 
