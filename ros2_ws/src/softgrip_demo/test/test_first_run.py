@@ -279,15 +279,17 @@ def test_a_servo_at_another_baud_rate_is_named(bus: Bus) -> None:
 def test_a_bus_without_supply_is_named(bus: Bus) -> None:
     for servo in bus.servos:
         servo.is_connected = False
-    with pytest.raises(FirstRunError, match=r"found nobody at any baud rate; .* check that the servos' supply is on"):
+    with pytest.raises(FirstRunError, match=r"found nobody at any baud rate; check that the servos' supply is on"):
         wrong(IdsStep(bus.bench))
 
 
 def test_a_wrong_supply_is_named(bus: Bus) -> None:
     for servo in bus.servos:
         servo.shaft.supply_v = 7.4
-    assert {figure.found for figure in wrong(SupplyStep(bus.bench))} == {"7.4 V"}
-    assert all("switch off and use another supply" in figure.remedy for figure in wrong(SupplyStep(bus.bench)))
+    found = wrong(SupplyStep(bus.bench))
+    # an XL330 keeps the error until it is reset, so a supply that is right again is not all
+    assert {figure.found for figure in found} == {"7.4 V", "INPUT_VOLTAGE"}
+    assert all("use another supply" in figure.remedy or "--reboot" in figure.remedy for figure in found)
 
 
 @pytest.mark.parametrize(
@@ -302,10 +304,11 @@ def test_a_wrong_supply_is_named(bus: Bus) -> None:
 def test_a_hardware_error_is_named_with_what_causes_it(bus: Bus, bit: int, cause: str) -> None:
     bus.servos[0].forced_error_bits = bit
     bus.servos[0].step(0.0, 0.001)
-    (figure,) = wrong(IdsStep(bus.bench))
-    assert cause in figure.remedy
     port = bus.bench.chain.port
-    assert f"`ros2 run softgrip_driver setup --port {port} --baud 1000000 --id 1 --reboot`" in figure.remedy
+    for kind in (IdsStep, SupplyStep):
+        (figure,) = [one for one in wrong(kind(bus.bench)) if "hardware error" in one.name]
+        assert cause in figure.remedy
+        assert f"`ros2 run softgrip_driver setup --port {port} --baud 1000000 --id 1 --reboot`" in figure.remedy
 
 
 def test_an_adapter_with_its_16_ms_is_named(tmp_path: Path) -> None:

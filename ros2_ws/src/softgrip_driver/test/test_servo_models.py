@@ -128,7 +128,7 @@ def test_bring_up_from_factory_settings(wired, mode):
         ),
         ([(7, 1_000_000)], r"ID 7 instead; press in the plugs .* correct its `id` in the cell file .*setup --new-id"),
         ([(7, 1_000_000), (7, 1_000_000)], r"several servos with ID 7; connect them one at a time"),
-        ([], r"nobody at any baud rate; check power and cable; .*LED stays lit.*DYNAMIXEL Wizard"),
+        ([], r"nobody at any baud rate; check that the servos' supply is on .*LED stays lit.*DYNAMIXEL Wizard"),
     ],
     ids=["factory baud rate", "one at the factory's beside others", "another ID", "one ID for two", "boot loader"],
 )

@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import os
+import pty
 import re
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -243,6 +246,21 @@ def test_what_goes_wrong_with_a_feetech_chain_is_named(fresh, mistake, message):
         bench.wizard(Hands(bench.plant)).run()
 
 
+def test_an_enter_before_the_question_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    keyboard, terminal = pty.openpty()
+    with os.fdopen(terminal, encoding="utf-8") as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        os.write(keyboard, b"\n\n")
+        asked = threading.Thread(target=TerminalPerson().confirm, args=("free", "Keep your hands away"))
+        asked.start()
+        asked.join(0.5)
+        assert asked.is_alive()
+        os.write(keyboard, b"\n")
+        asked.join(10.0)
+        assert not asked.is_alive()
+    os.close(keyboard)
+
+
 def test_a_feetech_adapter_with_its_16_ms_and_a_reversed_spool_are_named(fresh):
     bench = fresh(model="STS3215", latency_s=0.016)
     hands = Hands(bench.plant, {"straight": leave})
@@ -340,7 +358,9 @@ def test_a_chain_that_is_no_longer_fed_is_named(fresh):
     bench = fresh()
     named_chain(bench)
     Hands(bench.plant).connect(*TENDONS, connected=False)
-    with pytest.raises(DeviceNotFoundError, match=r"index: .* found nobody at any baud rate; check power and cable"):
+    with pytest.raises(
+        DeviceNotFoundError, match=r"index: .* found nobody at any baud rate; check that .* supply is on"
+    ):
         bench.wizard(Hands(bench.plant)).run()
 
 

@@ -23,6 +23,7 @@ from typing import Any
 import rclpy
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
@@ -73,6 +74,7 @@ class CellController:
         self._swap = ActionClient(node, SwapFingers, "cell/swap")
         self._grasp = ActionClient(node, Grasp, "cell/grasp")
         self._token = ""  # of the last swap
+        self._acting: ClientGoalHandle | None = None
 
     def select(self, product: str) -> Any:
         """Ask how a product is to be grasped; returns SelectProduct.Response.
@@ -103,19 +105,36 @@ class CellController:
 
         Returns:
             SwapFingers.Result; look at its outcome.
+
+        Raises:
+            RefusedError: by the cell; or of ``confirm``: the swap is cancelled, and what unlocks the drives is said.
         """
+        refused: list[RefusedError] = []
 
         def on_feedback(message: Any) -> None:
             feedback = message.feedback
             self._token = feedback.token
-            if feedback.confirmation:
-                given = list(confirm(swap_step(feedback).value, feedback.instruction))
+            if feedback.confirmation and not refused:
+                try:
+                    given = list(confirm(swap_step(feedback).value, feedback.instruction))
+                except RefusedError as error:
+                    refused.append(error)
+                    self._cancel()
+                    return
                 request = ConfirmStep.Request(step=feedback.step, token=feedback.token, serials=given)
                 answer = self._confirm.call_async(request)
                 answer.add_done_callback(self._log_refusal)
 
         goal = SwapFingers.Goal(finger_set=finger_set, serials=list(serials))
-        return self._act(self._swap, "cell/swap", goal, on_feedback, timeout_s)
+        result = self._act(self._swap, "cell/swap", goal, on_feedback, timeout_s, lambda: bool(refused))
+        if refused:
+            raise RefusedError(f"{refused[0]}; {result.reason}; the token: {self._token}") from refused[0]
+        return result
+
+    @property
+    def may_unlock(self) -> bool:
+        """Whether a swap gave this client its token, with which `hands_out` unlocks the drives."""
+        return bool(self._token)
 
     def hands_out(self) -> None:
         """Confirm that a person's hands are out of the cell after the last swap ended early: the drives are unlocked.
@@ -178,16 +197,32 @@ class CellController:
             raise RefusedError(f"{client.srv_name}: {response.message}")
         return response
 
-    def _act(self, client: Any, name: str, goal: Any, on_feedback: Callable[[Any], None], timeout_s: float) -> Any:
+    def _cancel(self) -> None:
+        if self._acting is not None:
+            self._acting.cancel_goal_async()
+
+    def _act(
+        self,
+        client: Any,
+        name: str,
+        goal: Any,
+        on_feedback: Callable[[Any], None],
+        timeout_s: float,
+        given_up: Callable[[], bool] = lambda: False,
+    ) -> Any:
+        self._acting = None
         if not client.wait_for_server(timeout_sec=10.0):
             raise CellTimeout(f"expected action {name} within 10 s, found none; is the cell up?")
         handle = self._wait(client.send_goal_async(goal, feedback_callback=on_feedback), 10.0, f"{name} to take a goal")
         if not handle.accepted:
             raise RefusedError(f"{name} rejected the goal")
+        self._acting = handle
+        if given_up():  # by feedback that was here before the answer
+            self._cancel()
         try:
             answer = self._wait(handle.get_result_async(), timeout_s, f"the end of {name}")
         except CellTimeout:
-            handle.cancel_goal_async()
+            self._cancel()
             raise
         if answer.status not in (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_ABORTED, GoalStatus.STATUS_CANCELED):
             raise CellTimeout(f"{name} ended with status {answer.status}; the manager may have gone away")
@@ -200,9 +235,16 @@ class CellController:
         return future.result()
 
 
-def _ask(step: str, instruction: str) -> Sequence[str]:
-    """Ask the person at the terminal."""
-    answer = input(f"{instruction}\n[{step}] press Enter when done, or type the serials: ")
+def ask(step: str, instruction: str) -> Sequence[str]:
+    """Ask the person at the terminal.
+
+    Raises:
+        RefusedError: nobody is there any more.
+    """
+    try:
+        answer = input(f"{instruction}\n[{step}] press Enter when done, or type the serials: ")
+    except (EOFError, KeyboardInterrupt) as error:
+        raise RefusedError(f"expected Enter or serials at step '{step}', found the end of the input") from error
     return answer.replace(",", " ").split()
 
 
@@ -229,10 +271,10 @@ def main(args: Sequence[str] | None = None) -> int:
         for step in plan.steps:
             for _ in range(int(orders[step.order][2] or 1)):
                 if controller.select(step.product).swap_needed:
-                    swapped = controller.swap(step.finger_set, _ask)
+                    swapped = controller.swap(step.finger_set, ask)
                     if swapped.outcome != swapped.SUCCEEDED:
-                        if HANDS_OUT_TEXT in swapped.reason:
-                            _ask(HANDS_OUT, "Take your hands out of the cell.")
+                        if HANDS_OUT_TEXT in swapped.reason and controller.may_unlock:
+                            ask(HANDS_OUT, "Take your hands out of the cell.")
                             controller.hands_out()
                         raise RefusedError(f"swap to '{step.finger_set}': {swapped.reason}")
                 result = controller.grasp(step.product, confirm_lift=not options.no_lift)

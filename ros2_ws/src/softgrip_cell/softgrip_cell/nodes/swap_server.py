@@ -24,7 +24,14 @@ from softgrip_cell.nodes.swap_progress import SwapProgressLog
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
 from softgrip_cell.storage.journal import HeldLock, SwapOutcome
 from softgrip_cell.swap.check import CheckSettings, EmptyClosing, Finding, FingerCheck
-from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT, SwapSequence, SwapStep, SwapTransition
+from softgrip_cell.swap.sequence import (
+    HANDS_OUT,
+    HANDS_OUT_TEXT,
+    OVERRIDE_TEXT,
+    SwapSequence,
+    SwapStep,
+    SwapTransition,
+)
 from softgrip_interfaces.action import SwapFingers
 from softgrip_interfaces.srv import ConfirmStep
 from softgrip_nodekit import GoalHandle, NodeIo, answer
@@ -417,7 +424,7 @@ class SwapServer:
         confirmed = convert.confirmed_step(request)
         if confirmed != HANDS_OUT:
             raise RefusedError(f"expected a confirmation of step '{HANDS_OUT}', found '{confirmed}'")
-        _check_token(request.token, lock.confirm_token)
+        _check_token(request.token, lock.confirm_token, f"; {OVERRIDE_TEXT}")
         if not self._lock.ready():
             raise RefusedError("expected service tendon/unlock, found none; start tendon_driver, then confirm again")
 
@@ -440,10 +447,12 @@ def _resolve(future: Future, result: Any = None) -> None:
         future.set_result(result)
 
 
-def _check_token(given: str, expected: str) -> None:
+def _check_token(given: str, expected: str, remedy: str = "") -> None:
     if not secrets.compare_digest(given.encode(), expected.encode()):
         found = "another one" if given else "none"
-        raise RefusedError(f"expected the token that the feedback of this swap gave to its client, found {found}")
+        raise RefusedError(
+            f"expected the token that the feedback of this swap gave to its client, found {found}{remedy}"
+        )
 
 
 def _check_summary(checks: Mapping[str, FingerCheck]) -> str:

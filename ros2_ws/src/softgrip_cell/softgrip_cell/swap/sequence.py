@@ -41,10 +41,15 @@ class PersistAction(StrEnum):
 #: What a person confirms when a swap ended while the drives were locked (cell/confirm_step).
 HANDS_OUT: Final = "hands_out"
 
+#: What unlocks the drives where the token of the swap is lost.
+OVERRIDE_TEXT: Final = (
+    "without the token: estop, then tendon/unlock with override_owner: true and a reason, then estop_reset"
+)
+
 #: What has to happen before anything else after such a swap.
 HANDS_OUT_TEXT: Final = (
     "the drives stay locked: take your hands out, then confirm step 'hands_out' with the token of that swap "
-    "(cell/confirm_step); without the token: estop, then tendon/unlock with override_owner"
+    f"(cell/confirm_step); {OVERRIDE_TEXT}"
 )
 
 #: Steps that wait for a person or a tool changer.

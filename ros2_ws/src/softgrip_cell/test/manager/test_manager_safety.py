@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 import resource
@@ -17,7 +18,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 
-from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
+from softgrip_cell.errors import RefusedError
+from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES, CellController, ask
 from softgrip_cell.nodes.grasp_mix_manager import START_S
 from softgrip_cell.nodes.tendon_lease import HAND_OVER_S
 from softgrip_interfaces.action import Grasp, MoveTendon, SwapFingers
@@ -155,6 +157,33 @@ def test_a_cancelled_swap_stays_locked_until_its_client_says_that_hands_are_out(
     cell.state(lambda s: s.mode == CellState.IDLE, "mode idle")
     assert not cell.driver.guard.locked
     assert cell.swap().outcome == SwapFingers.Result.SUCCEEDED
+
+
+def test_a_swap_whose_person_goes_away_is_cancelled_and_says_how_to_unlock(cell: Any) -> None:
+    cell.start()
+
+    def gone(step: str, _instruction: str) -> list[str]:
+        if step == "insert":
+            raise RefusedError("nobody there")
+        return []
+
+    with pytest.raises(RefusedError, match=r"nobody there; .*take your hands out.*; the token: \S+$"):
+        cell.controller.swap("power", gone, timeout_s=20.0)
+    assert cell.driver.guard.locked
+    assert cell.controller.may_unlock
+    other = CellController(cell.node, cell.wait)
+    assert not other.may_unlock
+    with pytest.raises(RefusedError, match=r"found none; without the token: estop, .* a reason, then estop_reset"):
+        other.hands_out()
+    cell.controller.hands_out()
+    cell.state(lambda s: s.mode == CellState.IDLE, "mode idle")
+    assert not cell.driver.guard.locked
+
+
+def test_a_closed_terminal_refuses_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    with pytest.raises(RefusedError, match="expected Enter or serials at step 'remove', found the end of the input"):
+        ask("remove", "Take the fingers out.")
 
 
 def test_a_swap_fails_where_somebody_holds_the_lock_already_or_takes_it_away(cell: Any) -> None:

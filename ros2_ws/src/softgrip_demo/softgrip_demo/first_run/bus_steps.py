@@ -32,7 +32,7 @@ from softgrip_driver.wizard.chain import (
     torque_of_data_sheet,
 )
 from softgrip_driver.wizard.direction import measure_direction, reversed_spool_remedy
-from softgrip_driver.wizard.drive_setup import BusMeasurement, DriveSetup, SetupBackend, SetupBus
+from softgrip_driver.wizard.drive_setup import BusMeasurement, DriveSetup, ServoHealth, SetupBackend, SetupBus
 from softgrip_driver.wizard.tensioning import Tensioner, TensioningPlan, release
 from softgrip_driver.wizard.wizard import WizardSettings
 from softgrip_time import Clock
@@ -87,6 +87,13 @@ class BenchBus:
         with self.open() as bus:
             return self.setup.measure(bus, self.selftest_s)
 
+    def hardware_error(self, servo: ChainServo, who: str, health: ServoHealth) -> Figure:
+        """Return what a servo says of itself; it says so until it is reset, also when the cause is gone."""
+        chain, setup = self.chain, self.setup
+        causes = "; ".join(setup.error_causes(health.error, model_of(chain, servo))) or "remove the cause"
+        remedy = f"{causes}, then {setup.reset_remedy(chain.port, chain.baud or BAUD, servo.servo_id)}"
+        return equal_to(f"{who}: hardware error", health.error.name or "none", "none", remedy)
+
 
 @dataclass(frozen=True)
 class PortsStep:
@@ -137,10 +144,7 @@ class IdsStep:
         with self.bench.open() as bus:
             found = {one.servo_id: one for one in setup.find(bus, 0.5)}
             if not found:
-                raise FirstRunError(
-                    f"{chain.port}: expected servos at {baud} baud, found {setup.who_answers(bus)}; "
-                    f"{setup.supply_remedy}"
-                )
+                raise FirstRunError(f"{chain.port}: expected servos at {baud} baud, found {setup.who_answers(bus)}")
             for servo in chain.chain:
                 model, one = model_of(chain, servo), found.get(servo.servo_id)
                 shown = "nobody" if one is None else setup.model_names.get(one.number, f"model {one.number}")
@@ -150,10 +154,7 @@ class IdsStep:
                 if one is not None:
                     several = "several" if one.is_shared else "1"
                     yield equal_to(f"{who}: servos with this ID", several, "1", setup.shared_id_remedy)
-                    error = setup.health(bus, servo.servo_id).error
-                    causes = "; ".join(setup.error_causes(error, model)) or "remove the cause"
-                    remedy = f"{causes}, then {setup.reset_remedy(chain.port, baud, servo.servo_id)}"
-                    yield equal_to(f"{who}: hardware error", error.name or "none", "none", remedy)
+                    yield self.bench.hardware_error(servo, who, setup.health(bus, servo.servo_id))
 
 
 @dataclass(frozen=True)
@@ -218,6 +219,7 @@ class SupplyStep:
                 degc = health.temperature_degc
                 remedy = "let it cool down; something may press on its tendon"
                 yield at_most(f"{servo.tendon}: temperature", degc, model.temperature_limit - 15.0, "degC", remedy)
+                yield self.bench.hardware_error(servo, servo.tendon, health)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import sys
+import termios
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol
@@ -46,7 +48,9 @@ class TerminalPerson:
             ) from error
 
     def confirm(self, key: str, text: str) -> None:
-        """Wait for Enter."""
+        """Wait for Enter; one that was pressed before the question says nothing about it."""
+        if sys.stdin.isatty():
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
         self.ask(key, f"{text}, then press Enter")
 
     def try_again(self, key: str, problem: str) -> bool:

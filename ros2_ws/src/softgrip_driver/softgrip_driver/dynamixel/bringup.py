@@ -32,10 +32,15 @@ _ATTEMPTS = 4
 #: [1/s] as a servo comes (e-manual, Baud Rate(8))
 FACTORY_BAUD = 57600
 SHARED_ID_REMEDY = (
-    "connect them one at a time and give each an ID of its own: `ros2 run softgrip_driver setup --id 1 --new-id N`"
+    "connect them one at a time; the wizard gives each an ID of its own then, and without the wizard "
+    "`ros2 run softgrip_driver setup --id 1 --new-id N` does"
 )
 BOOT_LOADER_REMEDY = (
     "a servo whose LED stays lit after power-on waits for its firmware: recover it with DYNAMIXEL Wizard 2.0"
+)
+SUPPLY_REMEDY = (
+    "check that the servos' supply is on (a U2D2 feeds no servo), the cable, and that its LED flashes when power "
+    f"comes; {BOOT_LOADER_REMEDY}"
 )
 
 
@@ -234,7 +239,7 @@ def who_answers(bus: Bus) -> str:
         )
     if here:
         return f"{here}; {MISSING_SERVO_REMEDY} with `ros2 run softgrip_driver setup --new-id`"
-    return f"nobody at any baud rate; check power and cable; {BOOT_LOADER_REMEDY}"
+    return f"nobody at any baud rate; {SUPPLY_REMEDY}"
 
 
 def _at_another_rate(bus: Bus) -> tuple[int, Collection[int]]:

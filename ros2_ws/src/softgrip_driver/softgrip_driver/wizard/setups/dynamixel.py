@@ -12,9 +12,9 @@ from softgrip_driver.dynamixel import registers as reg
 from softgrip_driver.dynamixel.adapter import latency_timer
 from softgrip_driver.dynamixel.backend import FAST_BLOCK, DynamixelBackend
 from softgrip_driver.dynamixel.bringup import (
-    BOOT_LOADER_REMEDY,
     FACTORY_BAUD,
     SHARED_ID_REMEDY,
+    SUPPLY_REMEDY,
     ServoConfiguration,
     identify,
     who_answers,
@@ -52,10 +52,7 @@ class DynamixelSetup:
     factory = (1, FACTORY_BAUD)
     models: Mapping[str, ServoModel] = MODELS
     model_names = MODEL_NAMES
-    supply_remedy = (
-        "check that the servos' supply is on (a U2D2 feeds no servo), the cable, and that its LED flashes when power "
-        f"comes; {BOOT_LOADER_REMEDY}"
-    )
+    supply_remedy = SUPPLY_REMEDY
     shared_id_remedy = SHARED_ID_REMEDY
 
     def make_bus(self, port: str, baud: int, reply_margin_s: float, clock: Clock | None) -> Bus:

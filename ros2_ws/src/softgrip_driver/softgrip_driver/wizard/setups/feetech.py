@@ -57,8 +57,8 @@ class FeetechSetup:
         "when power comes"
     )
     shared_id_remedy = (
-        "connect them one at a time and give each an ID of its own: `ros2 run softgrip_driver setup --drive feetech "
-        "--id 1 --new-id N`"
+        "connect them one at a time; the wizard gives each an ID of its own then, and without the wizard "
+        "`ros2 run softgrip_driver setup --drive feetech --id 1 --new-id N` does"
     )
 
     def make_bus(self, port: str, baud: int, reply_margin_s: float, clock: Clock | None) -> FeetechBus:
@@ -184,7 +184,7 @@ class FeetechSetup:
             )
         if listed:
             return f"{listed}; {MISSING_SERVO_REMEDY} with `ros2 run softgrip_driver setup --drive feetech --new-id`"
-        return f"nobody at any baud rate; check power and cable; {self.supply_remedy}"
+        return f"nobody at any baud rate; {self.supply_remedy}"
 
     def torque_of_data_sheet(self, model: FeetechModel, spool: Spool) -> TorqueModel:
         """See `DriveSetup`."""
