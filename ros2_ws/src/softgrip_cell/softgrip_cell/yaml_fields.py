@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from enum import Enum
 from pathlib import Path
 from typing import Any, TypeVar
@@ -102,7 +102,7 @@ class Fields:
 
 def checked_number(where: str, value: Any, low: float, high: float, unit: str) -> float:
     """Return a value as a finite float inside low..high [unit], else raise CatalogueError."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
         raise CatalogueError(f"{where}: expected a number [{unit}], found {_kind(value)}")
     if not low <= value <= high:
         raise CatalogueError(f"{where}: expected {low:g}..{high:g} {unit}, found {value:g}")

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import difflib
 import json
-import math
 import re
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -57,8 +57,8 @@ def find_problems(value: Any, schema: Mapping[str, Any], place: Place = ()) -> I
             yield from _CHECKS[keyword](value, argument, schema, place)
 
 
-def _is_of_kind(value: Any, kind: str) -> bool:
-    if isinstance(value, bool) or (isinstance(value, float) and not math.isfinite(value)):
+def _is_of_kind(value: object, kind: str) -> bool:
+    if isinstance(value, bool) or (isinstance(value, int | float) and not abs(value) <= sys.float_info.max):
         return False
     return isinstance(value, _KINDS[kind])
 

@@ -16,7 +16,7 @@ LARGEST = 1e30
 
 def keys(where: str, data: Mapping[str, Any], needed: set[str], possible: set[str]) -> None:
     """Refuse missing and unknown keys."""
-    missing, unknown = sorted(needed - set(data)), sorted(set(data) - needed - possible)
+    missing, unknown = sorted(needed - set(data)), sorted(str(key) for key in set(data) - needed - possible)
     if missing or unknown:
         raise GdfeError(f"{where}: missing keys {missing}, unknown keys {unknown}; it has {sorted(needed | possible)}")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import sys
 import types
 import typing
 from collections.abc import Sequence
@@ -123,7 +124,8 @@ def _build(kind: Any, data: Any, where: str) -> Any:
     if origin is types.UnionType:
         return None if data is None else _build(arguments[0], data, where)
     if kind is float:
-        if isinstance(data, bool) or not isinstance(data, int | float):
+        is_number = isinstance(data, int | float) and not isinstance(data, bool)
+        if not is_number or abs(data) > sys.float_info.max:
             raise ProfileError(f"{where}: expected a number, found {data!r}{_number_hint(data)}")
         return float(data)
     if not isinstance(data, kind) or isinstance(data, bool):
