@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from softgrip_interfaces.msg import LeaseHeartbeat, TendonOwners
 from softgrip_interfaces.srv import AcquireLease, ReleaseLease
@@ -171,17 +171,16 @@ class TendonLease:
         answer = self._acquire.call_async(goal)
         answer.add_done_callback(lambda future: self._on_answer(request, future.result()))
 
-    def _on_answer(self, request: _Request, response: Any) -> None:
-        granted = response is not None and response.success
+    def _on_answer(self, request: _Request, response: AcquireLease.Response | None) -> None:
         if request is not self._request:
-            if granted:  # nobody waits for it any more
+            if response is not None and response.success:  # nobody waits for it any more
                 self._release.call_async(ReleaseLease.Request(token=response.token))
             return
-        if granted:
+        if response is None:
+            self._finish(request, "tendon_driver went away before it answered tendon/lease")
+        elif response.success:
             self.token, self._granted_s = response.token, self._node_io.monotonic_s()
             self._finish(request, "")
-        elif response is None:
-            self._finish(request, "tendon_driver went away before it answered tendon/lease")
         elif self._is_ours_from_before():
             request.is_asked = False  # ends by itself: its owner died and sends no heartbeats
         elif self._ask_for_hand_over:
