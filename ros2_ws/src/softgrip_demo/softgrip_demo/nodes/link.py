@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
@@ -19,6 +19,14 @@ from softgrip_interfaces.action import CalibrateFriction
 from softgrip_nodekit import duration_clock
 from softgrip_time.units import to_ns
 
+if TYPE_CHECKING:
+    from rclpy.client import Client
+    from rclpy.task import Future
+    from rclpy.type_support import FeedbackMessage
+
+T = TypeVar("T")
+Feedback = TypeVar("Feedback")
+
 #: What the reason of a calibration that may go on says, and how often it is tried.
 RESUMABLE, CALIBRATION_TRIES = "resume the plan", 4
 POLL = 0.05  # [s] between looks at a condition while the executor spins
@@ -31,8 +39,8 @@ class CellLink:
         self.node = node
         self._executor = executor
         self._durations = duration_clock(node)
-        self._service_clients: dict[str, Any] = {}
-        self._action_clients: dict[str, ActionClient] = {}
+        self._service_clients: dict[str, Client[Any, Any]] = {}
+        self._action_clients: dict[str, ActionClient[Any, Any, Any]] = {}
 
     def until(self, condition: Callable[[], bool], timeout: float, expected: str, clock: Clock | None = None) -> None:
         """Spin until a condition holds.
@@ -58,12 +66,12 @@ class CellLink:
         end = self._durations.now() + Duration(nanoseconds=to_ns(duration_s))
         self.until(lambda: self._durations.now() >= end, 2.0 * duration_s + 10.0, why)
 
-    def wait(self, future: Any, timeout: float, expected: str) -> Any:
+    def wait(self, future: Future[T], timeout: float, expected: str) -> T:
         """Spin until a future is done and return its result."""
         self.until(future.done, timeout, expected)
         return future.result()
 
-    def call(self, service_type: Any, name: str, request: Any, timeout: float = 10.0) -> Any:
+    def call(self, service_type: Any, name: str, request: object, timeout: float = 10.0) -> Any:
         """Call a service; a response with ``success`` false is an error."""
         client = self._service_clients.get(name)
         if client is None:
@@ -78,9 +86,9 @@ class CellLink:
         self,
         action_type: Any,
         name: str,
-        goal: Any,
+        goal: object,
         *,
-        feedback: Callable[[Any], None] | None = None,
+        feedback: Callable[[Feedback], None] | None = None,
         timeout: float = 60.0,
     ) -> Any:
         """Run an action to its end and return its result message.
@@ -93,7 +101,7 @@ class CellLink:
             client = self._action_clients[name] = ActionClient(self.node, action_type, name)
         self.until(client.server_is_ready, 10.0, f"action {name}")
 
-        def on_feedback(message: Any) -> None:
+        def on_feedback(message: FeedbackMessage[Feedback]) -> None:
             if feedback is not None:
                 feedback(message.feedback)
 
@@ -106,7 +114,12 @@ class CellLink:
         return answer.result
 
 
-def calibrate(link: CellLink, goal: CalibrateFriction.Goal, set_up: Callable[[Any], None], timeout: float) -> Any:
+def calibrate(
+    link: CellLink,
+    goal: CalibrateFriction.Goal,
+    set_up: Callable[[CalibrateFriction.Feedback], None],
+    timeout: float,
+) -> CalibrateFriction.Result:
     """Run the rig's plan, again where it can be resumed, and return its result.
 
     Args:
@@ -120,7 +133,7 @@ def calibrate(link: CellLink, goal: CalibrateFriction.Goal, set_up: Callable[[An
     """
     confirm = link.node.create_client(Trigger, "rig/confirm")
 
-    def on_feedback(feedback: Any) -> None:
+    def on_feedback(feedback: CalibrateFriction.Feedback) -> None:
         if feedback.phase == feedback.SET_UP:
             set_up(feedback)
             confirm.call_async(Trigger.Request())
