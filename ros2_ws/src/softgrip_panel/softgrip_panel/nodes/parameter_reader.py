@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import Node
@@ -13,6 +13,9 @@ from softgrip_panel.model.parameters import ParameterView
 from softgrip_panel.nodes.cell_calls import SERVER_WAIT_S, wait_for_answer, wait_until
 from softgrip_panel.nodes.convert import parameter_view
 from softgrip_panel.texts import say
+
+if TYPE_CHECKING:
+    from rclpy.client import Client
 
 #: A node that does not answer within this is named [s].
 ANSWER_S: Final = 5.0
@@ -28,7 +31,7 @@ class RosParameters:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._clients: dict[str, Any] = {}
+        self._clients: dict[str, Client[Any, Any]] = {}
 
     def nodes(self) -> tuple[str, ...]:
         """Return the names of the cell's nodes that have parameters."""
@@ -53,7 +56,7 @@ class RosParameters:
         got = await self._ask(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
         return tuple(parameter_view(*pair) for pair in zip(described.descriptors, got.values, strict=False))
 
-    async def _ask(self, kind: Any, name: str, request: Any) -> Any:
+    async def _ask(self, kind: Any, name: str, request: object) -> Any:
         if name not in self._clients:
             self._clients[name] = self._node.create_client(kind, name)
         client = self._clients[name]
