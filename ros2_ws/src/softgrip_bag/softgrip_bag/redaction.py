@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
 REDACTED = "***"
 _SECRET_NAME = re.compile(r"(password|passwd|passphrase|secret|token|credential|api_?key|private_?key)", re.IGNORECASE)
@@ -22,7 +21,7 @@ def redact_text(text: str) -> str:
     return _IN_WORDS.sub(rf"\1\2{REDACTED}", _IN_URL.sub(rf"\1:{REDACTED}@", text))
 
 
-def redact_value(name: str, value: Any) -> Any:
+def redact_value(name: str, value: object) -> object:
     """Return a parameter's value without secrets: whole when the name says so, else what its text shows."""
     if isinstance(value, str):
         return REDACTED if value and _SECRET_NAME.search(name) else redact_text(value)
@@ -33,11 +32,11 @@ def redact_value(name: str, value: Any) -> Any:
     return value
 
 
-def redact(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+def redact(values: Mapping[str, object]) -> tuple[dict[str, object], list[str]]:
     """Return parameters without secrets, and the names of those that had one."""
     clean = {name: redact_value(name, value) for name, value in values.items()}
     return clean, [name for name, value in values.items() if clean[name] != _as_list(value)]
 
 
-def _as_list(value: Any) -> Any:
+def _as_list(value: object) -> object:
     return list(value) if isinstance(value, tuple) else value
