@@ -24,7 +24,7 @@ SCHEMA = 1
 Choice = TypeVar("Choice", bound=StrEnum)
 
 
-def to_mapping(model: FrictionModel) -> dict[str, Any]:
+def to_mapping(model: FrictionModel) -> dict[str, object]:
     """Return a model as the mapping that its YAML file holds."""
     return {
         "schema": SCHEMA,
@@ -143,7 +143,7 @@ def from_mapping(mapping: dict[str, Any]) -> FrictionModel:
 class _Reader:
     """Typed access to a mapping, with errors that name the key."""
 
-    content: dict[str, Any]
+    content: dict[str, object]
 
     def _get(self, key: str) -> Any:
         if key not in self.content:
@@ -163,7 +163,7 @@ class _Reader:
         value = self._get(key)
         return math.nan if value is None else _number(key, value)
 
-    def mapping(self, key: str) -> dict[str, Any]:
+    def mapping(self, key: str) -> dict[str, object]:
         value = self._get(key)
         if not isinstance(value, dict):
             raise ModelFileError(f"{key}: expected a mapping, found {value!r}")
@@ -192,7 +192,7 @@ def _number(key: str, value: object) -> float:
     return float(value)
 
 
-def _covariance(value: Any, count: int) -> NDArray[np.float64] | None:
+def _covariance(value: object, count: int) -> NDArray[np.float64] | None:
     if value is None:
         return None
     try:
@@ -204,7 +204,7 @@ def _covariance(value: Any, count: int) -> NDArray[np.float64] | None:
     return matrix
 
 
-def _time(value: Any) -> datetime:
+def _time(value: object) -> datetime:
     if isinstance(value, datetime):  # an unquoted YAML time stamp
         return value if value.tzinfo else value.replace(tzinfo=UTC)
     try:
