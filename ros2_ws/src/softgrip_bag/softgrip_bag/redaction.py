@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from typing import Any
 
 REDACTED = "***"
 _SECRET_NAME = re.compile(r"(password|passwd|passphrase|secret|token|credential|api_?key|private_?key)", re.IGNORECASE)
@@ -21,7 +22,7 @@ def redact_text(text: str) -> str:
     return _IN_WORDS.sub(rf"\1\2{REDACTED}", _IN_URL.sub(rf"\1:{REDACTED}@", text))
 
 
-def redact_value(name: str, value: object) -> object:
+def redact_value(name: str, value: Any) -> Any:
     """Return a parameter's value without secrets: whole when the name says so, else what its text shows."""
     if isinstance(value, str):
         return REDACTED if value and _SECRET_NAME.search(name) else redact_text(value)

@@ -13,8 +13,8 @@ stand still. The node's executor must be single-threaded: steps do not overlap.
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Coroutine
-from typing import Any, Generic, Protocol, TypeVar
+from collections.abc import Callable, Coroutine, Iterable
+from typing import TYPE_CHECKING, Any, Generic, Protocol, SupportsIndex, TypeVar
 
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
@@ -29,13 +29,19 @@ from softgrip_nodekit.stamps import nanoseconds, to_time_message
 from softgrip_nodekit.standstill import OrderGuard
 from softgrip_time.units import to_s
 
+if TYPE_CHECKING:
+    from softgrip_nodekit.event_time import StampedMessage
+
 T = TypeVar("T")
+Stamped = TypeVar("Stamped", bound="StampedMessage")
 T_co = TypeVar("T_co", covariant=True)
 Request = TypeVar("Request")
 Response = TypeVar("Response")
 Goal = TypeVar("Goal")
 Feedback = TypeVar("Feedback")
 Result = TypeVar("Result")
+Request_co = TypeVar("Request_co", covariant=True)
+Feedback_co = TypeVar("Feedback_co", covariant=True)
 Request_contra = TypeVar("Request_contra", contravariant=True)
 Response_co = TypeVar("Response_co", covariant=True)
 Goal_co = TypeVar("Goal_co", covariant=True)
@@ -56,6 +62,37 @@ _QOS = QoSProfile(
 NUMBER_BYTES = 8
 
 
+class ServiceType(Protocol[Request_co, Response_co]):
+    """A class of a service; a call of one of its classes makes a message."""
+
+    def Request(self) -> Request_co:  # noqa: N802  rosidl's name
+        """What is asked."""
+
+    def Response(self) -> Response_co:  # noqa: N802
+        """What is answered."""
+
+
+class ActionType(Protocol[Goal_co, Result_co, Feedback_co]):
+    """A class of an action; a call of one of its classes makes a message."""
+
+    def Goal(self) -> Goal_co:  # noqa: N802  rosidl's name
+        """What is wanted."""
+
+    def Result(self) -> Result_co:  # noqa: N802
+        """How it ended."""
+
+    def Feedback(self) -> Feedback_co:  # noqa: N802
+        """How far it is."""
+
+
+class GoalId(Protocol):
+    """What unique_identifier_msgs/UUID has."""
+
+    @property
+    def uuid(self) -> Iterable[SupportsIndex]:
+        """Sixteen bytes."""
+
+
 class GoalHandle(Protocol[Goal_co, Feedback_contra]):
     """A goal that an action serves: rclpy's handle, a recorded one, or one of a replay."""
 
@@ -64,8 +101,8 @@ class GoalHandle(Protocol[Goal_co, Feedback_contra]):
         """What is asked for."""
 
     @property
-    def goal_id(self) -> Any:
-        """Its unique_identifier_msgs/UUID."""
+    def goal_id(self) -> GoalId:
+        """Its identity."""
 
     @property
     def is_cancel_requested(self) -> bool:
@@ -100,8 +137,8 @@ class ServiceClient(Protocol[Request_contra, Response_co]):
     def service_is_ready(self) -> bool:
         """Whether somebody serves."""
 
-    def call_async(self, request: Request_contra) -> PendingResult[Response_co]:
-        """Ask."""
+    def call_async(self, request: Request_contra) -> PendingResult[Response_co | None]:
+        """Ask; nothing comes from a server that went away."""
 
 
 class GoalResult(Protocol[Result_co]):
@@ -169,16 +206,23 @@ class NodeIo:
         """Return 128 random bits as 32 hex digits: a secret that nobody can guess."""
         return secrets.token_hex(16)
 
-    def create_subscription(self, kind: type[T], topic: str, callback: Callable[[T], None], qos: QoSProfile) -> None:
+    def create_subscription(
+        self, kind: type[Stamped], topic: str, callback: Callable[[Stamped], None], qos: QoSProfile
+    ) -> None:
         """Subscribe to messages with a header."""
         self._node.create_subscription(kind, topic, callback, qos)
 
-    def create_service(self, kind: Any, name: str, callback: Callable[[Request, Response], Response]) -> None:
+    def create_service(
+        self, kind: ServiceType[Request, Response], name: str, callback: Callable[[Request, Response], Response]
+    ) -> None:
         """Serve requests."""
         self._node.create_service(kind, name, callback)
 
     def create_order_service(
-        self, kind: Any, name: str, callback: Callable[[Request, SuccessResponseT], SuccessResponseT]
+        self,
+        kind: ServiceType[Request, SuccessResponseT],
+        name: str,
+        callback: Callable[[Request, SuccessResponseT], SuccessResponseT],
     ) -> None:
         """Serve requests after which something may move: none that may be older than the process's standstill.
 
@@ -199,7 +243,11 @@ class NodeIo:
         duration_timer(self._node, period_s, callback)
 
     def create_action_server(
-        self, kind: Any, name: str, execute: Execute[Goal, Feedback, Result], cancel: Cancel[Goal, Feedback]
+        self,
+        kind: ActionType[Goal, Result, Feedback],
+        name: str,
+        execute: Execute[Goal, Feedback, Result],
+        cancel: Cancel[Goal, Feedback],
     ) -> None:
         """Serve goals; both callbacks get rclpy's goal handle, or what has its names."""
         self._guard_orders()
@@ -224,11 +272,11 @@ class NodeIo:
             self._node.get_logger().warning(f"{name} refused: {refusal}")
         return refusal
 
-    def create_client(self, kind: Any, name: str) -> ServiceClient[Any, Any]:
+    def create_client(self, kind: ServiceType[Request, Response], name: str) -> ServiceClient[Request, Response]:
         """Return a client of a service."""
         return self._node.create_client(kind, name)
 
-    def create_action_client(self, kind: Any, name: str) -> GoalClient[Any, Any]:
+    def create_action_client(self, kind: ActionType[Goal, Result, Feedback], name: str) -> GoalClient[Goal, Result]:
         """Return a client of an action."""
         return ActionClient(self._node, kind, name)
 
@@ -346,22 +394,29 @@ class RecordingIo(NodeIo):
         """Begin the first step: write down what the node remembers (``save``); in a replay put it back (``load``)."""
         self._log.start(save, load)
 
-    def create_subscription(self, kind: type[T], topic: str, callback: Callable[[T], None], qos: QoSProfile) -> None:
+    def create_subscription(
+        self, kind: type[Stamped], topic: str, callback: Callable[[Stamped], None], qos: QoSProfile
+    ) -> None:
         """Subscribe to messages with a header: the log names them by their stamp."""
         name = f"topic {self._node.resolve_topic_name(topic)}"
 
-        def received(message: Any) -> None:
+        def received(message: Stamped) -> None:
             self._log.begin_step(name, stamp=nanoseconds(message.header.stamp))
             callback(message)
 
         self._io.create_subscription(kind, topic, received, qos)
 
-    def create_service(self, kind: Any, name: str, callback: Callable[[Request, Response], Response]) -> None:
+    def create_service(
+        self, kind: ServiceType[Request, Response], name: str, callback: Callable[[Request, Response], Response]
+    ) -> None:
         """Serve requests."""
         self._io.create_service(kind, name, self._recorded(name, callback))
 
     def create_order_service(
-        self, kind: Any, name: str, callback: Callable[[Request, SuccessResponseT], SuccessResponseT]
+        self,
+        kind: ServiceType[Request, SuccessResponseT],
+        name: str,
+        callback: Callable[[Request, SuccessResponseT], SuccessResponseT],
     ) -> None:
         """Serve requests after which something may move; one that is too old is no step of the node."""
         self._io.create_order_service(kind, name, self._recorded(name, callback))
@@ -389,7 +444,11 @@ class RecordingIo(NodeIo):
         self._io.create_timer(period_s, due)
 
     def create_action_server(
-        self, kind: Any, name: str, execute: Execute[Goal, Feedback, Result], cancel: Cancel[Goal, Feedback]
+        self,
+        kind: ActionType[Goal, Result, Feedback],
+        name: str,
+        execute: Execute[Goal, Feedback, Result],
+        cancel: Cancel[Goal, Feedback],
     ) -> None:
         """Serve goals."""
         full = self._resolve(name)
@@ -411,11 +470,11 @@ class RecordingIo(NodeIo):
 
         self._io.create_action_server(kind, name, accepted, cancelled)
 
-    def create_client(self, kind: Any, name: str) -> ServiceClient[Any, Any]:
+    def create_client(self, kind: ServiceType[Request, Response], name: str) -> ServiceClient[Request, Response]:
         """Return a client of a service."""
         return _RecordedClient(self, self._log, self._io.create_client(kind, name), self._resolve(name))
 
-    def create_action_client(self, kind: Any, name: str) -> GoalClient[Any, Any]:
+    def create_action_client(self, kind: ActionType[Goal, Result, Feedback], name: str) -> GoalClient[Goal, Result]:
         """Return a client of an action."""
         return _RecordedActionClient(self, self._log, self._io.create_action_client(kind, name), self._resolve(name))
 
@@ -518,11 +577,11 @@ class _RecordedClient(Generic[Request, Response]):
     def service_is_ready(self) -> bool:
         return self._log.observe(f"ready {self._name}", lambda: bytes([self._client.service_is_ready()])) == b"\1"
 
-    def call_async(self, request: Request) -> Answer[Response]:
-        number, answer = self._io.next_number(), Answer[Response]()
+    def call_async(self, request: Request) -> Answer[Response | None]:
+        number, answer = self._io.next_number(), Answer[Response | None]()
         self._log.record_output(f"called {self._name}", request)
 
-        def responded(future: PendingResult[Response]) -> None:
+        def responded(future: PendingResult[Response | None]) -> None:
             response = future.result()
             self._log.begin_step(f"response {self._name}", number + (b"" if response is None else as_bytes(response)))
             answer.set_result(response)

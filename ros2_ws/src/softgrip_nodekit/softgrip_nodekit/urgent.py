@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rclpy.node import Node
 
@@ -12,6 +12,9 @@ from softgrip_nodekit.callback_errors import callback_errors
 from softgrip_nodekit.cell_time import steady_timer, time_waits_for
 from softgrip_nodekit.isolated import IsolatedNode
 from softgrip_nodekit.standstill import LOOK_PERIOD_S, Standstill
+
+if TYPE_CHECKING:
+    from softgrip_nodekit.node_io import ServiceType
 
 Request = TypeVar("Request")
 Response = TypeVar("Response")
@@ -40,7 +43,7 @@ class UrgentServer(Generic[Request, Response]):
     def __init__(
         self,
         node: Node,
-        srv_type: Any,
+        srv_type: ServiceType[Request, Response],
         name: str,
         callback: Callable[[Request, Response], Response],
         on_standstill: Callable[[float], None] = lambda _: None,

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Generator, Sequence
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any, Generic, TypeVar
 
 from rclpy.node import Node
@@ -177,7 +176,10 @@ class ReplayIo(NodeIo):
         self._entries[f"request {self._node.resolve_service_name(name)}"] = requested
 
     def create_order_service(
-        self, kind: Any, name: str, callback: Callable[[Request, SuccessResponseT], SuccessResponseT]
+        self,
+        kind: Any,
+        name: str,
+        callback: Callable[[Request, SuccessResponseT], SuccessResponseT],
     ) -> None:
         """Note who answers requests; those that were too old are in no trace."""
         self.create_service(kind, name, callback)
@@ -187,7 +189,11 @@ class ReplayIo(NodeIo):
         self._entries["timer"] = lambda _: callback()
 
     def create_action_server(
-        self, kind: Any, name: str, execute: Execute[Goal, Feedback, Result], cancel: Cancel[Goal, Feedback]
+        self,
+        kind: Any,
+        name: str,
+        execute: Execute[Goal, Feedback, Result],
+        cancel: Cancel[Goal, Feedback],
     ) -> None:
         """Note who gets goals."""
         full = self._node.resolve_service_name(name)
@@ -334,11 +340,18 @@ class _Pause:
         yield self._name
 
 
+@dataclass(frozen=True)
+class _ReplayedGoalId:
+    """The identity of a goal, as the trace has it."""
+
+    uuid: bytes
+
+
 class _ReplayedGoal(Generic[Goal]):
     """rclpy's handle of a goal whose client is the trace."""
 
     def __init__(self, key: bytes, request: Goal) -> None:
-        self.goal_id = SimpleNamespace(uuid=key)
+        self.goal_id = _ReplayedGoalId(key)
         self.request = request
         self.is_cancel_requested = False  # the log's handle says what a step has said
 

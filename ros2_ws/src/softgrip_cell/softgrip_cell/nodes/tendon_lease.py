@@ -89,8 +89,11 @@ class TendonLease:
 
     def missing(self) -> list[str]:
         """Return the services that nobody serves."""
-        servers = {"service tendon/lease": self._acquire, "service tendon/lease_release": self._release}
-        return [name for name, client in servers.items() if not client.service_is_ready()]
+        servers = {
+            "service tendon/lease": self._acquire.service_is_ready(),
+            "service tendon/lease_release": self._release.service_is_ready(),
+        }
+        return [name for name, ready in servers.items() if not ready]
 
     def acquire(self, answered: Answered) -> None:
         """Become the owner; at once where it is so already. One acquisition at a time: a new one replaces another."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 from softgrip_demo.errors import ShiftError
 from softgrip_interfaces.action import CalibrateFriction
 from softgrip_nodekit import duration_clock
+from softgrip_nodekit.errors import SuccessResponseT
 from softgrip_time.units import to_ns
 
 if TYPE_CHECKING:
@@ -24,12 +25,25 @@ if TYPE_CHECKING:
     from rclpy.task import Future
     from rclpy.type_support import FeedbackMessage
 
+    from softgrip_nodekit.node_io import ActionType, ServiceType
+
 T = TypeVar("T")
+Request = TypeVar("Request")
+Goal = TypeVar("Goal")
+Result = TypeVar("Result", bound="ReasonedResult")
 Feedback = TypeVar("Feedback")
 
 #: What the reason of a calibration that may go on says, and how often it is tried.
 RESUMABLE, CALIBRATION_TRIES = "resume the plan", 4
 POLL = 0.05  # [s] between looks at a condition while the executor spins
+
+
+class ReasonedResult(Protocol):
+    """A result of an action that says why it ended so."""
+
+    @property
+    def reason(self) -> str:
+        """In words."""
 
 
 class CellLink:
@@ -71,9 +85,15 @@ class CellLink:
         self.until(future.done, timeout, expected)
         return future.result()
 
-    def call(self, service_type: Any, name: str, request: object, timeout: float = 10.0) -> Any:
+    def call(
+        self,
+        service_type: ServiceType[Request, SuccessResponseT],
+        name: str,
+        request: Request,
+        timeout: float = 10.0,
+    ) -> SuccessResponseT:
         """Call a service; a response with ``success`` false is an error."""
-        client = self._service_clients.get(name)
+        client: Client[Request, SuccessResponseT] | None = self._service_clients.get(name)
         if client is None:
             client = self._service_clients[name] = self.node.create_client(service_type, name)
         self.until(client.service_is_ready, timeout, f"service {name}")
@@ -84,19 +104,19 @@ class CellLink:
 
     def act(
         self,
-        action_type: Any,
+        action_type: ActionType[Goal, Result, Feedback],
         name: str,
-        goal: object,
+        goal: Goal,
         *,
         feedback: Callable[[Feedback], None] | None = None,
         timeout: float = 60.0,
-    ) -> Any:
+    ) -> Result:
         """Run an action to its end and return its result message.
 
         Raises:
             ShiftError: when the server is missing, rejects the goal, is cancelled, or takes over ``timeout`` [s].
         """
-        client = self._action_clients.get(name)
+        client: ActionClient[Goal, Result, Feedback] | None = self._action_clients.get(name)
         if client is None:
             client = self._action_clients[name] = ActionClient(self.node, action_type, name)
         self.until(client.server_is_ready, 10.0, f"action {name}")
