@@ -132,7 +132,7 @@ def spin(node: Node, executor: Executor | None = None) -> None:
 
 def spin_until_future_complete(
     node: Node,
-    future: Future,
+    future: Future[Any],
     executor: Executor | None = None,
     timeout_sec: float | None = None,
 ) -> None:

@@ -8,7 +8,7 @@ import dataclasses
 import struct
 import threading
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rclpy.endpoint import Endpoint, full_type_name
 from rclpy.task import Future
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
 
+RequestT = TypeVar("RequestT")
+ResponseT = TypeVar("ResponseT")
+
 _MAX_REASON = 4096  # [B]
 REACH_PERIOD_S = 0.001  # between looks whether Zenoh has a way to what a token has announced
 _AGAIN_PERIOD_S, _AGAIN_LIMIT_S = 0.2, 60.0  # looks whether a server is there again, and when that is given up
@@ -43,7 +46,7 @@ class _Question:
     is_answered: bool = False
 
 
-class Client(Endpoint):
+class Client(Endpoint, Generic[RequestT, ResponseT]):
     """Made by ``Node.create_client``."""
 
     def __init__(
@@ -55,7 +58,7 @@ class Client(Endpoint):
         self.callback_group = callback_group
         self._executor_event = False
         self._sequence = 0
-        self._pending: dict[int, Future] = {}
+        self._pending: dict[int, Future[ResponseT]] = {}
         self._lock = threading.Lock()
         self._max_bytes = limits.max_bytes(full_type_name(srv_type) + "_Response", "message")
         self._replies: collections.deque[tuple[int, bytes | Exception]] = collections.deque()
@@ -72,7 +75,7 @@ class Client(Endpoint):
         """The fully qualified name."""
         return self._name
 
-    def call(self, request: Any, timeout_sec: float | None = None) -> Any:
+    def call(self, request: RequestT, timeout_sec: float | None = None) -> ResponseT | None:
         """Call and wait; another thread must spin the node. Return the response, or None when time is up."""
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"expected {self.srv_type.Request}, found {type(request)}")
@@ -86,17 +89,17 @@ class Client(Endpoint):
                 return None
         return future.result()
 
-    def call_async(self, request: Any) -> Future:
+    def call_async(self, request: RequestT) -> Future[ResponseT]:
         """Call; the future ends with the response."""
         return self._call_async(request)
 
-    def _call_async(self, request: Any, *, is_repeatable: bool = False) -> Future:
+    def _call_async(self, request: RequestT, *, is_repeatable: bool = False) -> Future[ResponseT]:
         """Call; where asking twice does no harm, a question that was lost with its way is asked again."""
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"expected {self.srv_type.Request}, found {type(request)}")
         self._alive()
         payload = serialize(request)
-        future = Future(executor=self._node.executor)
+        future: Future[ResponseT] = Future(executor=self._node.executor)
         with self._lock:
             self._sequence += 1
             sequence = self._sequence
@@ -173,7 +176,7 @@ class Client(Endpoint):
             return future.set_exception, (RequestRefusedError(f"'{self._name}': malformed response: {error}"),)
         return future.set_result, (response,)
 
-    def remove_pending_request(self, future: Future) -> None:
+    def remove_pending_request(self, future: Future[ResponseT]) -> None:
         """Forget a call."""
         with self._lock:
             for sequence, pending in self._pending.items():

@@ -104,7 +104,7 @@ class Work:
             self.executor.wake()
 
 
-class Continuation(Task):
+class Continuation(Task[Any]):
     """A coroutine that a callback of an entity began; the entity is given back when it ends."""
 
     def __init__(
@@ -146,9 +146,9 @@ class Executor:
     def __init__(self, *, context: Context | None = None) -> None:
         self._context = context or get_default_context()
         self._nodes: set[Node] = set()
-        self._pending_tasks: dict[Task, tuple[Any, Any]] = {}
-        self._ready_tasks: collections.deque[Task] = collections.deque()
-        self._callbacks: Iterator[Task | Work] | None = None
+        self._pending_tasks: dict[Task[Any], tuple[Any, Any]] = {}
+        self._ready_tasks: collections.deque[Task[Any]] = collections.deque()
+        self._callbacks: Iterator[Task[Any] | Work] | None = None
         self._hints: collections.deque[tuple[Any, Node]] = collections.deque()
         self._due_s = 0.0  # when the next timer is due, as of the last look; whatever changes that wants a look
         self._look_due_s = 0.0
@@ -183,14 +183,16 @@ class Executor:
     def _exit_spin(self) -> None:
         self._is_spinning = False
 
-    def create_task(self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any) -> Task:
+    def create_task(
+        self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any
+    ) -> Task[Any]:
         """Run a function or coroutine in the executor; return the task, which is a future."""
-        task = Task(callback, args, kwargs, executor=self)  # type: ignore[arg-type]
+        task: Task[Any] = Task(callback, args, kwargs, executor=self)  # type: ignore[arg-type]
         self._pending_tasks[task] = (None, None)
         self._call_task_in_next_spin(task)
         return task
 
-    def _call_task_in_next_spin(self, task: Task) -> None:
+    def _call_task_in_next_spin(self, task: Task[Any]) -> None:
         self._ready_tasks.append(task)
         self.wake()
 
@@ -261,7 +263,7 @@ class Executor:
         finally:
             self._exit_spin()
 
-    def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
+    def spin_until_future_complete(self, future: Future[Any], timeout_sec: float | None = None) -> None:
         """Run callbacks until a future is over or time is up."""
         self._enter_spin()
         try:
@@ -278,7 +280,9 @@ class Executor:
         finally:
             self._exit_spin()
 
-    def spin_once_until_future_complete(self, future: Future, timeout_sec: float | TimeoutObject | None = None) -> None:
+    def spin_once_until_future_complete(
+        self, future: Future[Any], timeout_sec: float | TimeoutObject | None = None
+    ) -> None:
         """Run one callback unless the future is over."""
         self._enter_spin()
         future._add_waker(self.wake)
@@ -320,7 +324,7 @@ class Executor:
         timeout_sec: float | TimeoutObject | None = None,
         nodes: list[Node] | None = None,
         condition: Callable[[], bool] | None = None,
-    ) -> tuple[Task, Any, Node | None]:
+    ) -> tuple[Task[Any], Any, Node | None]:
         """Return the next (task, entity, node) that is ready.
 
         Raises:
@@ -336,7 +340,7 @@ class Executor:
         timeout_sec: float | TimeoutObject | None = None,
         nodes: list[Node] | None = None,
         condition: Callable[[], bool] | None = None,
-    ) -> Task | Work:
+    ) -> Task[Any] | Work:
         """Wait for what is to be run next."""
         if isinstance(timeout_sec, TimeoutObject):
             timeout_sec = timeout_sec.timeout
@@ -353,7 +357,7 @@ class Executor:
                 return found
             self._wait(end)
 
-    def _next_ready(self, nodes: list[Node] | None) -> Task | Work | None:
+    def _next_ready(self, nodes: list[Node] | None) -> Task[Any] | Work | None:
         """Return work, going round: all that was ready at one look comes before a second look.
 
         What has just become ready says so itself and is run without a look. Looks come when a timer is due, when there
@@ -400,7 +404,7 @@ class Executor:
                     return work
         return None
 
-    def _look(self, nodes: list[Node] | None) -> Iterator[Task | Work]:
+    def _look(self, nodes: list[Node] | None) -> Iterator[Task[Any] | Work]:
         for _ in range(len(self._ready_tasks)):
             with contextlib.suppress(IndexError):
                 task = self._ready_tasks.popleft()
@@ -503,7 +507,7 @@ class Executor:
             if pending.done():
                 pending.result()
 
-    def _run(self, task: Task) -> None:
+    def _run(self, task: Task[Any]) -> None:
         """Run a task one step and see to what comes next."""
         with self._busy():
             task()
@@ -566,7 +570,7 @@ class MultiThreadedExecutor(Executor):
             return
         self._executor.submit(self._run_in_pool, item)
 
-    def _run_in_pool(self, item: Task | Work) -> None:
+    def _run_in_pool(self, item: Task[Any] | Work) -> None:
         try:
             if isinstance(item, Work):
                 self._execute(item)

@@ -271,7 +271,7 @@ class Node:
     def _rcl_init_entities(self) -> None:
         self._publishers: list[Publisher] = []
         self._subscriptions: list[Subscription] = []
-        self._clients: list[Client] = []
+        self._clients: list[Client[Any, Any]] = []
         self._services: list[Service] = []
         self._timers: list[Timer] = []
         self._guards: list[GuardCondition] = []
@@ -311,7 +311,7 @@ class Node:
         yield from self._subscriptions
 
     @property
-    def clients(self) -> Iterator[Client]:
+    def clients(self) -> Iterator[Client[Any, Any]]:
         """The clients."""
         yield from self._clients
 
@@ -432,11 +432,11 @@ class Node:
         *,
         qos_profile: QoSProfile = qos_profile_services_default,
         callback_group: CallbackGroup | None = None,
-    ) -> Client:
+    ) -> Client[Any, Any]:
         """Make a client of a service."""
         check_is_valid_srv_type(srv_type)
         group = self._rcl_group(callback_group)
-        made = Client(self, srv_type, self._rcl_remapped(srv_name, "service"), qos_profile, group)
+        made: Client[Any, Any] = Client(self, srv_type, self._rcl_remapped(srv_name, "service"), qos_profile, group)
         group.add_entity(made)
         made._is_entity = True
         self._clients.append(made)
@@ -550,7 +550,7 @@ class Node:
         """Withdraw a subscription; return whether it was this node's."""
         return self._rcl_remove(self._subscriptions, subscription)
 
-    def destroy_client(self, client: Client) -> bool:
+    def destroy_client(self, client: Client[Any, Any]) -> bool:
         """Withdraw a client; return whether it was this node's."""
         return self._rcl_remove(self._clients, client)
 

@@ -56,7 +56,7 @@ class AsyncParameterClient:
         """Whether all six services are up."""
         return all(client.service_is_ready() for client in self._clients.values())
 
-    def _ask(self, kind: Any, callback: Callable[[Future], Any] | None, **fields: Any) -> Future:
+    def _ask(self, kind: Any, callback: Callable[[Future[Any]], Any] | None, **fields: Any) -> Future[Any]:
         future = self._clients[kind].call_async(kind.Request(**fields))
         if callback:
             future.add_done_callback(callback)
@@ -66,46 +66,52 @@ class AsyncParameterClient:
         self,
         prefixes: list[str] | None = None,
         depth: int | None = None,
-        callback: Callable[[Future], Any] | None = None,
-    ) -> Future:
+        callback: Callable[[Future[Any]], Any] | None = None,
+    ) -> Future[Any]:
         """List names."""
         return self._ask(self._srv.ListParameters, callback, prefixes=prefixes or [], depth=depth or 0)
 
-    def get_parameters(self, names: list[str], callback: Callable[[Future], Any] | None = None) -> Future:
+    def get_parameters(self, names: list[str], callback: Callable[[Future[Any]], Any] | None = None) -> Future[Any]:
         """Get values."""
         return self._ask(self._srv.GetParameters, callback, names=names)
 
-    def set_parameters(self, parameters: Sequence[Any], callback: Callable[[Future], Any] | None = None) -> Future:
+    def set_parameters(
+        self, parameters: Sequence[Any], callback: Callable[[Future[Any]], Any] | None = None
+    ) -> Future[Any]:
         """Set values one by one."""
         return self._ask(self._srv.SetParameters, callback, parameters=_messages(parameters))
 
-    def describe_parameters(self, names: list[str], callback: Callable[[Future], Any] | None = None) -> Future:
+    def describe_parameters(
+        self, names: list[str], callback: Callable[[Future[Any]], Any] | None = None
+    ) -> Future[Any]:
         """Get descriptors."""
         return self._ask(self._srv.DescribeParameters, callback, names=names)
 
-    def get_parameter_types(self, names: list[str], callback: Callable[[Future], Any] | None = None) -> Future:
+    def get_parameter_types(
+        self, names: list[str], callback: Callable[[Future[Any]], Any] | None = None
+    ) -> Future[Any]:
         """Get types."""
         return self._ask(self._srv.GetParameterTypes, callback, names=names)
 
     def set_parameters_atomically(
-        self, parameters: Sequence[Any], callback: Callable[[Future], Any] | None = None
-    ) -> Future:
+        self, parameters: Sequence[Any], callback: Callable[[Future[Any]], Any] | None = None
+    ) -> Future[Any]:
         """Set all values or none."""
         return self._ask(self._srv.SetParametersAtomically, callback, parameters=_messages(parameters))
 
-    def delete_parameters(self, names: list[str], callback: Callable[[Future], Any] | None = None) -> Future:
+    def delete_parameters(self, names: list[str], callback: Callable[[Future[Any]], Any] | None = None) -> Future[Any]:
         """Unset parameters that are dynamically typed."""
         return self.set_parameters([Parameter(name) for name in names], callback)
 
     def load_parameter_file(
-        self, parameter_file: str, use_wildcard: bool = False, callback: Callable[[Future], Any] | None = None
-    ) -> Future:
+        self, parameter_file: str, use_wildcard: bool = False, callback: Callable[[Future[Any]], Any] | None = None
+    ) -> Future[Any]:
         """Set what a file says."""
         return self.set_parameters(list(parameter_dict_from_yaml_file(parameter_file, use_wildcard).values()), callback)
 
     def load_parameter_file_atomically(
-        self, parameter_file: str, use_wildcard: bool = False, callback: Callable[[Future], Any] | None = None
-    ) -> Future:
+        self, parameter_file: str, use_wildcard: bool = False, callback: Callable[[Future[Any]], Any] | None = None
+    ) -> Future[Any]:
         """Set all that a file says, or nothing."""
         values = parameter_dict_from_yaml_file(parameter_file, use_wildcard).values()
         return self.set_parameters_atomically(list(values), callback)

@@ -9,7 +9,7 @@ import struct
 import threading
 import time
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
 
 from rclpy.endpoint import Endpoint, full_type_name
 
@@ -33,6 +33,16 @@ _SMALL = 4096
 #: Publishers that are remembered at a time.
 _MAX_PUBLISHERS = 1024
 _CDR_HEADER_BYTES = 4
+
+
+class MessageInfo(TypedDict):
+    """What a callback of two arguments gets beside the message; times are of the wall clock [ns since the epoch]."""
+
+    source_timestamp: int
+    received_timestamp: int
+    publication_sequence_number: int | None
+    reception_sequence_number: int | None
+    publisher_gid: NotRequired[bytes]  # not in ROS 2 Jazzy
 
 
 class Subscription(Endpoint):
@@ -207,7 +217,7 @@ class Subscription(Endpoint):
                 self._lost(sequence - last - 1)
         if self._callback_type is self.CallbackType.MessageOnly:
             return self._callback, (message,)
-        info = {
+        info: MessageInfo = {
             "source_timestamp": stamp_ns,
             "received_timestamp": received_ns,
             "publication_sequence_number": sequence,

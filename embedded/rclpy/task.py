@@ -8,24 +8,26 @@ import sys
 import threading
 import warnings
 import weakref
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
     from rclpy.executors import Executor
 
+T = TypeVar("T")
 
-class Future:
+
+class Future(Generic[T]):
     """The outcome of work that is not finished yet. Await it inside a callback, or add done callbacks."""
 
     def __init__(self, *, executor: Executor | None = None) -> None:
         self._done = False
         self._cancelled = False
-        self._result: Any = None
+        self._result: T | None = None
         self._exception: BaseException | None = None
         self._exception_fetched = False
-        self._callbacks: list[Callable[[Future], Any]] = []
+        self._callbacks: list[Callable[[Future[T]], Any]] = []
         self._wakers: list[Callable[[], object]] = []
         self._lock = threading.Lock()
         self._executor: weakref.ref[Executor] | None = None
@@ -35,7 +37,7 @@ class Future:
         if self._exception is not None and not self._exception_fetched:
             print(f"The following exception was never retrieved: {self._exception}", file=sys.stderr)  # noqa: T201
 
-    def __await__(self) -> Generator[Future, None, Any]:
+    def __await__(self) -> Generator[Future[T], None, T]:
         while not self._pending_is_over():
             yield self
         return self.result()
@@ -58,19 +60,19 @@ class Future:
         """Whether there is a result or an exception."""
         return self._done
 
-    def result(self) -> Any:
-        """Return the result; raise the exception if there is one."""
+    def result(self) -> T:
+        """Return the result, None when there is none; raise the exception if there is one."""
         if self._exception is not None:
             self._exception_fetched = True
             raise self._exception
-        return self._result
+        return self._result  # type: ignore[return-value]  # as rclpy: None, too, before the end
 
     def exception(self) -> BaseException | None:
         """Return the exception, if any."""
         self._exception_fetched = True
         return self._exception
 
-    def set_result(self, result: Any) -> None:
+    def set_result(self, result: T) -> None:
         """Finish with a result."""
         with self._lock:
             self._result = result
@@ -100,7 +102,7 @@ class Future:
             else:
                 self._invoke(callback)
 
-    def _invoke(self, callback: Callable[[Future], Any]) -> None:
+    def _invoke(self, callback: Callable[[Future[T]], Any]) -> None:
         try:
             callback(self)
         except Exception as error:  # noqa: BLE001  a done callback of someone else must not stop the others
@@ -109,7 +111,7 @@ class Future:
     def _set_executor(self, executor: Executor | None) -> None:
         self._executor = None if executor is None else weakref.ref(executor)
 
-    def add_done_callback(self, callback: Callable[[Future], Any]) -> None:
+    def add_done_callback(self, callback: Callable[[Future[T]], Any]) -> None:
         """Call back with this future when it is over (at once, or through the executor, when it is already)."""
         with self._lock:
             over = self._pending_is_over()
@@ -132,7 +134,7 @@ class Future:
             wake()
 
 
-class Task(Future):
+class Task(Future[T]):
     """A function or coroutine that an executor runs; call it to go one step on."""
 
     def __init__(
@@ -152,7 +154,7 @@ class Task(Future):
             self._handler = handler
         self._executing = False
         self._task_lock = threading.Lock()
-        self._awaited: Future | None = None
+        self._awaited: Future[Any] | None = None
 
     def __call__(self) -> None:
         """Run the function, or the coroutine up to its next await."""

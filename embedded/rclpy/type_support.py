@@ -1,11 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Checks that a class is a message, service or action type."""
+"""Checks that a class is a message, service or action type; the messages of every action, for type checkers."""
 
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from rclpy.exceptions import NoTypeSupportImportedException
 
 from embedded_ros.messages import Message
+
+ResultT_co = TypeVar("ResultT_co", covariant=True)
+FeedbackT_co = TypeVar("FeedbackT_co", covariant=True)
+
+
+class GetResultServiceResponse(Protocol[ResultT_co]):
+    """How a goal ended: what ``get_result_async`` ends with."""
+
+    @property
+    def status(self) -> int:
+        """As action_msgs/GoalStatus has it."""
+
+    @property
+    def result(self) -> ResultT_co:
+        """The action's result."""
+
+
+class FeedbackMessage(Protocol[FeedbackT_co]):
+    """What a feedback callback gets."""
+
+    @property
+    def goal_id(self) -> Any:
+        """The goal's unique_identifier_msgs/UUID."""
+
+    @property
+    def feedback(self) -> FeedbackT_co:
+        """The action's feedback."""
 
 
 def check_for_type_support(msg_or_srv_type: Any) -> None:

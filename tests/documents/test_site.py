@@ -83,6 +83,8 @@ def test_a_name_leads_to_the_only_page_that_shows_it() -> None:
         ("pathlib.Path", True),
         ("ValueError", True),
         ("np.ndarray", True),  # as the module calls it
+        ("softgrip_interfaces.srv.PlanMix_Response", True),  # as rosidl calls PlanMix.Response
+        ("softgrip_interfaces.srv.PlanMix_Reply", False),
         ("pathlib.Pathh", False),
         ("no_such_module.Name", False),
         ("NoSuchName", False),

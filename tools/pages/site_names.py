@@ -24,6 +24,8 @@ from sphinx.util.nodes import make_refnode
 #: What has to be there: a dotted name, or one in CamelCase. Another word is a field, a parameter or prose.
 _NAME = re.compile(r"(?:[A-Za-z_]\w*\.)+[A-Za-z_]\w*|_?[A-Z][A-Za-z0-9]*[a-z][A-Za-z0-9]*")
 _WRITTEN = re.compile(r"^(?:class | *)(_?[A-Z]\w+)(?:\(|:|\[| = )", re.MULTILINE)
+#: What a part of a service or an action calls itself: `Swap_Goal`, and it is `Swap.Goal`.
+_PART = re.compile(r"_(Request|Response|Goal|Result|Feedback)$")
 ROOT = Path(__file__).resolve().parents[2]
 #: Ends of dotted words that are no names of Python.
 _FILES = (".csv", ".json", ".npz", ".toml", ".url", ".xml", ".yaml")
@@ -44,6 +46,7 @@ def on_a_page(target: str, shown: Iterable[str]) -> str | None:
 
 def exists(target: str, modules: Iterable[ModuleType]) -> bool:
     """Return whether a name can be imported, or is known in one of some modules."""
+    target = _PART.sub(r".\1", target)
     if _imported(target):
         return True
     first, *rest = target.split(".")

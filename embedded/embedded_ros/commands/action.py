@@ -79,7 +79,7 @@ def _send_goal(arguments: argparse.Namespace) -> str | None:
     goal = kind.Goal()
     fill(goal, parse_values(arguments.goal))
     with common.node("send_goal") as node:
-        client = ActionClient(node, kind, arguments.action_name)
+        client: ActionClient[Any, Any, Any] = ActionClient(node, kind, arguments.action_name)
         print("Waiting for an action server to become available...", flush=True)
         if not client.wait_for_server(arguments.timeout):
             print(f"Action server is not available after waiting {arguments.timeout} seconds.")

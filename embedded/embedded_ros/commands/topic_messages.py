@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from embedded_ros.commands import common
 
 if TYPE_CHECKING:
-    pass
+    from rclpy.subscription import MessageInfo
 
 _WAIT_STEP_S = 0.1
 
@@ -115,9 +115,9 @@ def _echo(arguments: argparse.Namespace) -> str | None:
         profile, asked = _qos(arguments)
         if not asked:
             profile = _adapted(node, topic, profile)
-        future = rclpy.Future()
+        future: rclpy.Future[None] = rclpy.Future()
 
-        def show(message: Any, info: dict[str, Any]) -> None:
+        def show(message: Any, info: MessageInfo) -> None:
             text = _shown(message, arguments)
             if text is not None and not future.done():
                 if arguments.include_message_info:
@@ -162,7 +162,7 @@ def _shown(message: Any, arguments: argparse.Namespace) -> str | None:
     return text + "---\n"
 
 
-def _info_text(info: dict[str, Any], arguments: argparse.Namespace) -> str:
+def _info_text(info: MessageInfo, arguments: argparse.Namespace) -> str:
     import yaml  # noqa: PLC0415  as above
 
     if arguments.csv:

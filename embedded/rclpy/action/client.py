@@ -7,7 +7,7 @@ import threading
 import time
 import uuid
 import weakref
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from rclpy.client import REACH_PERIOD_S, Client
@@ -25,12 +25,20 @@ if TYPE_CHECKING:
 
     from rclpy.callback_groups import CallbackGroup
     from rclpy.node import Node
+    from rclpy.type_support import FeedbackMessage, GetResultServiceResponse
+
+T = TypeVar("T")
+GoalT = TypeVar("GoalT")
+ResultT = TypeVar("ResultT")
+FeedbackT = TypeVar("FeedbackT")
 
 
-class ClientGoalHandle:
+class ClientGoalHandle(Generic[GoalT, ResultT, FeedbackT]):
     """A goal that a server answered."""
 
-    def __init__(self, action_client: ActionClient, goal_id: Any, goal_response: Any) -> None:
+    def __init__(
+        self, action_client: ActionClient[GoalT, ResultT, FeedbackT], goal_id: Any, goal_response: Any
+    ) -> None:
         self._action_client = action_client
         self._goal_id = goal_id
         self._goal_response = goal_response
@@ -69,27 +77,27 @@ class ClientGoalHandle:
         """Ask to cancel, and wait for the answer; another thread must spin."""
         return _wait(self.cancel_goal_async())
 
-    def cancel_goal_async(self) -> Future:
+    def cancel_goal_async(self) -> Future[Any]:
         """Ask to cancel; the future ends with the answer."""
         return self._action_client._cancel_goal_async(self)
 
-    def get_result(self) -> Any:
+    def get_result(self) -> GetResultServiceResponse[ResultT]:
         """Wait for the result; another thread must spin."""
         return _wait(self.get_result_async())
 
-    def get_result_async(self) -> Future:
+    def get_result_async(self) -> Future[GetResultServiceResponse[ResultT]]:
         """Ask for the result; the future ends with status and result."""
         return self._action_client._get_result_async(self)
 
 
-def _wait(future: Future) -> Any:
+def _wait(future: Future[T]) -> T:
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
     done.wait()
     return future.result()
 
 
-class ActionClient(Waitable):
+class ActionClient(Waitable, Generic[GoalT, ResultT, FeedbackT]):
     """Sends goals to an action server."""
 
     def __init__(
@@ -111,12 +119,12 @@ class ActionClient(Waitable):
         self._node = node
         self._action_type = action_type
         self._action_name = action_name
-        self._feedback_callbacks: dict[bytes, Callable[[Any], Any]] = {}
-        self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
+        self._feedback_callbacks: dict[bytes, Callable[[FeedbackMessage[FeedbackT]], Any]] = {}
+        self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle[GoalT, ResultT, FeedbackT]]] = {}
         base = node.resolve_service_name(action_name) + "/_action/"
         impl = action_type.Impl
 
-        def client(kind: Any, name: str, qos: QoSProfile) -> Client:
+        def client(kind: Any, name: str, qos: QoSProfile) -> Client[Any, Any]:
             return Client(node, kind, base + name, qos, group)
 
         def subscription(kind: Any, name: str, qos: QoSProfile, callback: Callable[[Any], Any]) -> Subscription:
@@ -138,12 +146,13 @@ class ActionClient(Waitable):
 
     def _take(self) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
         # Feedback before responses: it was sent before the result.
+        endpoint: Client[Any, Any] | Subscription
         for endpoint in reversed(self._endpoints):
             if endpoint._is_ready() and (work := endpoint._take()) is not None:
                 return work
         return None
 
-    async def _on_feedback(self, message: Any) -> None:
+    async def _on_feedback(self, message: FeedbackMessage[FeedbackT]) -> None:
         callback = self._feedback_callbacks.get(bytes(message.goal_id.uuid))
         if callback is not None:
             result = callback(message)
@@ -161,7 +170,7 @@ class ActionClient(Waitable):
                 self._feedback_callbacks.pop(key, None)
                 self._goal_handles.pop(key, None)
 
-    def send_goal(self, goal: Any, **kwargs: Any) -> Any:
+    def send_goal(self, goal: GoalT, **kwargs: Any) -> GetResultServiceResponse[ResultT] | None:
         """Send a goal and wait for its result; another thread must spin."""
         if not isinstance(goal, self._action_type.Goal):
             raise TypeError(f"expected {self._action_type.Goal}, found {type(goal)}")
@@ -169,8 +178,11 @@ class ActionClient(Waitable):
         return goal_handle.get_result() if goal_handle.accepted else None
 
     def send_goal_async(
-        self, goal: Any, feedback_callback: Callable[[Any], Any] | None = None, goal_uuid: Any = None
-    ) -> Future:
+        self,
+        goal: GoalT,
+        feedback_callback: Callable[[FeedbackMessage[FeedbackT]], Any] | None = None,
+        goal_uuid: Any = None,
+    ) -> Future[ClientGoalHandle[GoalT, ResultT, FeedbackT]]:
         """Send a goal; the future ends with a :class:`ClientGoalHandle`."""
         from unique_identifier_msgs.msg import UUID  # noqa: PLC0415  classes are made on first use
 
@@ -181,9 +193,9 @@ class ActionClient(Waitable):
         if feedback_callback is not None:
             self._feedback_callbacks[key] = feedback_callback
         request = self._action_type.Impl.SendGoalService.Request(goal_id=goal_id, goal=goal)
-        future = Future(executor=self._node.executor)
+        future: Future[ClientGoalHandle[GoalT, ResultT, FeedbackT]] = Future(executor=self._node.executor)
 
-        def answered(response: Future) -> None:
+        def answered(response: Future[Any]) -> None:
             if response.cancelled():
                 future.cancel()
                 return
@@ -203,16 +215,18 @@ class ActionClient(Waitable):
         self._send_client.call_async(request).add_done_callback(answered)
         return future
 
-    def _cancel_goal_async(self, goal_handle: ClientGoalHandle) -> Future:
+    def _cancel_goal_async(self, goal_handle: ClientGoalHandle[GoalT, ResultT, FeedbackT]) -> Future[Any]:
         request = self._action_type.Impl.CancelGoalService.Request()
         request.goal_info.goal_id = goal_handle.goal_id
         return self._cancel_client.call_async(request)
 
-    def _get_result_async(self, goal_handle: ClientGoalHandle) -> Future:
+    def _get_result_async(
+        self, goal_handle: ClientGoalHandle[GoalT, ResultT, FeedbackT]
+    ) -> Future[GetResultServiceResponse[ResultT]]:
         request = self._action_type.Impl.GetResultService.Request(goal_id=goal_handle.goal_id)
         future = self._result_client._call_async(request, is_repeatable=True)
 
-        def keep_status(done: Future) -> None:
+        def keep_status(done: Future[Any]) -> None:
             if done._exception is None and done._result is not None:
                 goal_handle._status = done._result.status
             self._feedback_callbacks.pop(bytes(goal_handle.goal_id.uuid), None)

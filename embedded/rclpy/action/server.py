@@ -9,7 +9,7 @@ import threading
 import time
 import traceback
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.action.goal_state import ACTIVE, GoalEvent, Status, goals_to_cancel, next_status
@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from rclpy.callback_groups import CallbackGroup
     from rclpy.node import Node
     from rclpy.service import RequestHeader
+
+GoalT = TypeVar("GoalT")
+ResultT = TypeVar("ResultT")
+FeedbackT = TypeVar("FeedbackT")
 
 _RESULT_TIMEOUT_S = 900
 #: Goals that are over and still known, beside the timeout: each is in every status message.
@@ -53,10 +57,10 @@ async def await_or_execute(callback: Callable[..., Any], *args: Any) -> Any:
     return await result if inspect.isawaitable(result) else result
 
 
-class ServerGoalHandle:
+class ServerGoalHandle(Generic[GoalT, ResultT, FeedbackT]):
     """A goal that was accepted."""
 
-    def __init__(self, action_server: ActionServer, goal_info: Any, goal_request: Any) -> None:
+    def __init__(self, action_server: ActionServer, goal_info: Any, goal_request: GoalT) -> None:
         self._action_server = action_server
         self._goal_info = goal_info
         self._goal_request = goal_request
@@ -72,7 +76,7 @@ class ServerGoalHandle:
         return hash(bytes(self.goal_id.uuid))
 
     @property
-    def request(self) -> Any:
+    def request(self) -> GoalT:
         """The goal."""
         return self._goal_request
 
@@ -106,7 +110,7 @@ class ServerGoalHandle:
                 self._action_server._keep_ended(self)
         self._action_server._publish_status()
 
-    def _set_result(self, response: Any) -> None:
+    def _set_result(self, response: ResultT | None) -> None:
         server = self._action_server
         message = server._action_type.Impl.GetResultService.Response()
         message.status = self.status
@@ -115,13 +119,15 @@ class ServerGoalHandle:
         if future is not None:  # a hundred others may have ended meanwhile
             future.set_result(message)
 
-    def execute(self, execute_callback: Callable[[ServerGoalHandle], Any] | None = None) -> None:
+    def execute(
+        self, execute_callback: Callable[[ServerGoalHandle[GoalT, ResultT, FeedbackT]], Any] | None = None
+    ) -> None:
         """Run the execute callback; a goal that is canceled already stays so."""
         if not self.is_cancel_requested:
             self.executing()
         self._action_server.notify_execute(self, execute_callback)
 
-    def publish_feedback(self, feedback: Any) -> None:
+    def publish_feedback(self, feedback: FeedbackT) -> None:
         """Publish feedback on this goal."""
         kind = self._action_server._action_type
         if not isinstance(feedback, kind.Feedback):
@@ -134,19 +140,19 @@ class ServerGoalHandle:
         """Report that the goal is being executed."""
         self._update_state(GoalEvent.EXECUTE)
 
-    def succeed(self, response: Any = None) -> None:
+    def succeed(self, response: ResultT | None = None) -> None:
         """End the goal: reached."""
         self._update_state(GoalEvent.SUCCEED)
         if response is not None:
             self._set_result(response)
 
-    def abort(self, response: Any = None) -> None:
+    def abort(self, response: ResultT | None = None) -> None:
         """End the goal: given up."""
         self._update_state(GoalEvent.ABORT)
         if response is not None:
             self._set_result(response)
 
-    def canceled(self, response: Any = None) -> None:
+    def canceled(self, response: ResultT | None = None) -> None:
         """End the goal: canceled."""
         self._update_state(GoalEvent.CANCELED)
         if response is not None:
@@ -157,7 +163,11 @@ class ServerGoalHandle:
         self._destroyed = True
 
 
-def default_handle_accepted_callback(goal_handle: ServerGoalHandle) -> None:
+#: A goal of whichever action.
+_AnyGoal = ServerGoalHandle[Any, Any, Any]
+
+
+def default_handle_accepted_callback(goal_handle: _AnyGoal) -> None:
     """Execute the goal."""
     goal_handle.execute()
 
@@ -180,12 +190,12 @@ class ActionServer(Waitable):
         node: Node,
         action_type: Any,
         action_name: str,
-        execute_callback: Callable[[ServerGoalHandle], Any] | None = None,
+        execute_callback: Callable[[_AnyGoal], Any] | None = None,
         *,
         callback_group: CallbackGroup | None = None,
         goal_callback: Callable[[Any], Any] | None = default_goal_callback,
-        handle_accepted_callback: Callable[[ServerGoalHandle], Any] | None = default_handle_accepted_callback,
-        cancel_callback: Callable[[ServerGoalHandle], Any] | None = default_cancel_callback,
+        handle_accepted_callback: Callable[[_AnyGoal], Any] | None = default_handle_accepted_callback,
+        cancel_callback: Callable[[_AnyGoal], Any] | None = default_cancel_callback,
         goal_service_qos_profile: QoSProfile = qos_profile_services_default,
         result_service_qos_profile: QoSProfile = qos_profile_services_default,
         cancel_service_qos_profile: QoSProfile = qos_profile_services_default,
@@ -200,7 +210,7 @@ class ActionServer(Waitable):
         self.register_handle_accepted_callback(handle_accepted_callback)
         self.register_goal_callback(goal_callback)
         self.register_cancel_callback(cancel_callback)
-        self._execute_callback: Callable[[ServerGoalHandle], Any] | None = None
+        self._execute_callback: Callable[[_AnyGoal], Any] | None = None
         if execute_callback:
             self.register_execute_callback(execute_callback)
         elif handle_accepted_callback is default_handle_accepted_callback:
@@ -208,9 +218,9 @@ class ActionServer(Waitable):
         check_is_valid_action_type(action_type)
         self._action_type = action_type
         self._result_timeout = result_timeout
-        self._goal_handles: dict[bytes, ServerGoalHandle] = {}
-        self._ended: collections.deque[ServerGoalHandle] = collections.deque()  # the oldest first
-        self._result_futures: dict[bytes, Future] = {}
+        self._goal_handles: dict[bytes, _AnyGoal] = {}
+        self._ended: collections.deque[_AnyGoal] = collections.deque()  # the oldest first
+        self._result_futures: dict[bytes, Future[Any]] = {}
         self._lock = threading.RLock()
         base = node.resolve_service_name(action_name) + "/_action/"
         impl = action_type.Impl
@@ -270,7 +280,7 @@ class ActionServer(Waitable):
             while self._ended and (self._ended[0]._ended_at or 0.0) <= limit:
                 self._forget_oldest()
 
-    def _keep_ended(self, goal: ServerGoalHandle) -> None:
+    def _keep_ended(self, goal: _AnyGoal) -> None:
         """Keep a goal that is over for who asks for its result late; with it the last hundred."""
         with self._lock:
             self._ended.append(goal)
@@ -291,7 +301,7 @@ class ActionServer(Waitable):
 
         key = bytes(request.goal_id.uuid)
         response = self._action_type.Impl.SendGoalService.Response()
-        goal_handle: ServerGoalHandle | None = None
+        goal_handle: _AnyGoal | None = None
         if key not in self._goal_handles:
             verdict = await await_or_execute(self._goal_callback, request.goal)
             if not isinstance(verdict, GoalResponse):
@@ -308,9 +318,7 @@ class ActionServer(Waitable):
             self._publish_status()
             await await_or_execute(self._handle_accepted_callback, goal_handle)
 
-    async def _execute_goal(
-        self, execute_callback: Callable[[ServerGoalHandle], Any], goal_handle: ServerGoalHandle
-    ) -> None:
+    async def _execute_goal(self, execute_callback: Callable[[_AnyGoal], Any], goal_handle: _AnyGoal) -> None:
         try:
             result = await await_or_execute(execute_callback, goal_handle)
         except Exception as error:  # noqa: BLE001  the client must get an answer whatever the callback did
@@ -364,9 +372,7 @@ class ActionServer(Waitable):
         if self._node.context.ok() and not self._status._destroyed:
             self._status.publish(message)
 
-    def notify_execute(
-        self, goal_handle: ServerGoalHandle, execute_callback: Callable[[ServerGoalHandle], Any] | None
-    ) -> None:
+    def notify_execute(self, goal_handle: _AnyGoal, execute_callback: Callable[[_AnyGoal], Any] | None) -> None:
         """Make the executor run a goal."""
         callback = execute_callback or self._execute_callback
         executor = self._node.executor
@@ -375,9 +381,7 @@ class ActionServer(Waitable):
 
     # -- callbacks --------------------------------------------------------------------------------------------
 
-    def register_handle_accepted_callback(
-        self, handle_accepted_callback: Callable[[ServerGoalHandle], Any] | None
-    ) -> None:
+    def register_handle_accepted_callback(self, handle_accepted_callback: Callable[[_AnyGoal], Any] | None) -> None:
         """Set what is called with each accepted goal."""
         self._handle_accepted_callback = handle_accepted_callback or default_handle_accepted_callback
 
@@ -385,11 +389,11 @@ class ActionServer(Waitable):
         """Set what decides on goals."""
         self._goal_callback = goal_callback or default_goal_callback
 
-    def register_cancel_callback(self, cancel_callback: Callable[[ServerGoalHandle], Any] | None) -> None:
+    def register_cancel_callback(self, cancel_callback: Callable[[_AnyGoal], Any] | None) -> None:
         """Set what decides on cancel requests."""
         self._cancel_callback = cancel_callback or default_cancel_callback
 
-    def register_execute_callback(self, execute_callback: Callable[[ServerGoalHandle], Any]) -> None:
+    def register_execute_callback(self, execute_callback: Callable[[_AnyGoal], Any]) -> None:
         """Set what executes goals."""
         if not callable(execute_callback):
             raise TypeError("Failed to register goal execution callback: not callable")

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import Any
+from collections.abc import Hashable
 
 #: rmw's "this middleware has no sequence numbers".
 UNSUPPORTED = 2**64 - 1
@@ -24,10 +24,10 @@ class LossCounter:
 
     def __init__(self) -> None:
         self.lost: Counter[str] = Counter()
-        self._last: dict[tuple[str, Any], int] = {}
-        self._missing: dict[tuple[str, Any], set[int]] = {}
+        self._last: dict[tuple[str, Hashable], int] = {}
+        self._missing: dict[tuple[str, Hashable], set[int]] = {}
 
-    def add_sequence(self, topic: str, sequence: int | None, publisher: Any) -> None:
+    def add_sequence(self, topic: str, sequence: int | None, publisher: Hashable) -> None:
         """Take the sequence number of a message that arrived; None or `UNSUPPORTED` = it has none."""
         if sequence is None or sequence == UNSUPPORTED:
             return

@@ -26,8 +26,8 @@ class Divergence:
     topic: str
     stamp: int  # [ns]
     field: str
-    recorded: Any
-    replayed: Any
+    recorded: object
+    replayed: object
 
     def __str__(self) -> str:
         """Return it in one line."""
@@ -80,7 +80,7 @@ def first_difference(
     return next((found for found in differences if found), None)
 
 
-def _same(recorded: Any, replayed: Any, tolerance: float) -> bool:
+def _same(recorded: object, replayed: object, tolerance: float) -> bool:
     both_nan = recorded != recorded and replayed != replayed  # noqa: PLR0124  NaN is the value unequal to itself
     if recorded == replayed or both_nan:
         return True

@@ -16,7 +16,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import yaml
 
@@ -33,7 +32,7 @@ _FILES = "parameter_files"
 FILE_PARAMETERS = frozenset({"calibration_file", "profiles_directory"})
 
 
-def parameter_attachment(node: str, values: dict[str, Any]) -> Attachment:
+def parameter_attachment(node: str, values: dict[str, object]) -> Attachment:
     """Return the parameter file of a node (fully qualified name).
 
     Raises:
@@ -69,7 +68,7 @@ class NodeSetUp:
     """What sets a node up as it was: ROS arguments, and the parameters that they give it."""
 
     arguments: tuple[str, ...] = ()
-    parameters: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, object] = field(default_factory=dict)
 
 
 def restore(bag: Path, node: str, folder: Path) -> NodeSetUp:
@@ -88,7 +87,7 @@ def restore(bag: Path, node: str, folder: Path) -> NodeSetUp:
     if own is None:
         return NodeSetUp()
     try:
-        values: Mapping[str, Any] = yaml.safe_load(own)[node]["ros__parameters"]
+        values: Mapping[str, object] = yaml.safe_load(own)[node]["ros__parameters"]
     except (yaml.YAMLError, KeyError, TypeError) as error:
         raise BagError(f"{bag}: expected a parameter file of {node} in the attachment, found {error!r}") from error
     parameters = folder / "parameters.yaml"

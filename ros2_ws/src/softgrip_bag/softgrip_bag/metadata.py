@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -25,7 +24,7 @@ FILE_NAME = "metadata.yaml"
 class Plain(SafeDumper):
     """YAML without anchors: rosbag2's files have none."""
 
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002  the name is PyYAML's
+    def ignore_aliases(self, data: object) -> bool:  # noqa: ARG002  the name is PyYAML's
         """Write every value out."""
         return True
 
@@ -44,7 +43,7 @@ class Span:
         self.last = max(self.last, received)
         self.messages += 1
 
-    def as_map(self) -> dict[str, Any]:
+    def as_map(self) -> dict[str, object]:
         """Return rosbag2's three entries."""
         start = self.first or 0
         return {
@@ -61,7 +60,7 @@ class TopicEntry:
     name: str
     type_name: str
     type_hash: str
-    qos: Sequence[dict[str, Any]]
+    qos: Sequence[dict[str, object]]
     messages: int = 0
 
 
@@ -73,7 +72,7 @@ class FileEntry:
     span: Span = field(default_factory=Span)
 
 
-def information(files: Sequence[FileEntry], topics: Sequence[TopicEntry]) -> dict[str, Any]:
+def information(files: Sequence[FileEntry], topics: Sequence[TopicEntry]) -> dict[str, object]:
     """Return the metadata of a bag as plain maps, without rosbag2's outer key."""
     whole = Span()
     for file in files:
@@ -107,7 +106,7 @@ def information(files: Sequence[FileEntry], topics: Sequence[TopicEntry]) -> dic
     }
 
 
-def write(folder: Path, values: dict[str, Any]) -> None:
+def write(folder: Path, values: dict[str, object]) -> None:
     """Write metadata.yaml into a bag's folder; complete or not at all, also when the power dies.
 
     Raises:

@@ -33,7 +33,7 @@ class OfferedQos:
             depth=int(values.get("depth") or 10),
         )
 
-    def as_map(self) -> dict[str, Any]:
+    def as_map(self) -> dict[str, object]:
         """Return the mapping that rosbag2 stores."""
         return {
             "history": self.history,

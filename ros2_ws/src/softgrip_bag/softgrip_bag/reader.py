@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import yaml
 from mcap.exceptions import McapError
@@ -45,7 +45,7 @@ class TopicSummary:
     name: str
     type_name: str
     type_hash: str
-    qos: tuple[dict[str, Any], ...]
+    qos: tuple[dict[str, object], ...]
     messages: int
     schema: str = ""  # ros2msg text
 
@@ -169,12 +169,12 @@ def facts(bag: Path) -> dict[str, dict[str, str]]:
 
 
 @functools.cache
-def _offered(text: str) -> tuple[dict[str, Any], ...]:
+def _offered(text: str) -> tuple[dict[str, object], ...]:
     """Topics of a cell offer few different profiles; YAML is slow."""
     return tuple(yaml.safe_load(text) or ())
 
 
-def offered_qos(channel: Channel) -> tuple[dict[str, Any], ...]:
+def offered_qos(channel: Channel) -> tuple[dict[str, object], ...]:
     """Return rosbag2's maps of what the publishers of a channel offered."""
     return _offered(channel.metadata.get("offered_qos_profiles", ""))
 

@@ -33,11 +33,11 @@ def redact_value(name: str, value: Any) -> Any:
     return value
 
 
-def redact(values: Mapping[str, Any]) -> tuple[dict[str, Any], list[str]]:
+def redact(values: Mapping[str, object]) -> tuple[dict[str, object], list[str]]:
     """Return parameters without secrets, and the names of those that had one."""
     clean = {name: redact_value(name, value) for name, value in values.items()}
     return clean, [name for name, value in values.items() if clean[name] != _as_list(value)]
 
 
-def _as_list(value: Any) -> Any:
+def _as_list(value: object) -> object:
     return list(value) if isinstance(value, tuple) else value

@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -24,7 +23,7 @@ _DROPPED = "softgrip_dropped"
 _NOT_SHOWN = {"rosbag2", _DROPPED}
 
 
-def data(bag: Path, found: BagStatistics, story: Story) -> dict[str, Any]:
+def data(bag: Path, found: BagStatistics, story: Story) -> dict[str, object]:
     """Return everything that the page shows, as JSON takes it; None where there is no number."""
     records = facts(bag)
     dropped = {topic: int(count) for topic, count in records.get(_DROPPED, {}).items()}
@@ -113,7 +112,7 @@ def number(value: float, digits: int = 4) -> float | None:
     return float(f"{value:.{digits}g}") if math.isfinite(value) else None
 
 
-def _latency(bag: Path) -> list[dict[str, Any]]:
+def _latency(bag: Path) -> list[dict[str, object]]:
     found = latency.links(bag)
     stamps = latency.read_stamps(bag, {link.source for link in found})
     return [

@@ -13,7 +13,6 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -213,7 +212,7 @@ class BagWriter:
             total += file.stored
         return total
 
-    def _information(self, files: list[McapFile]) -> dict[str, Any]:
+    def _information(self, files: list[McapFile]) -> dict[str, object]:
         return metadata.information(
             [FileEntry(file.path.name, file.span) for file in files],
             [

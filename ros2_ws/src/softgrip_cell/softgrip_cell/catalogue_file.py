@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -80,7 +79,7 @@ def read_product(product_id: str, fields: Fields, finger_sets: set[str]) -> Prod
     return product
 
 
-def product_document(product: Product) -> dict[str, Any]:
+def product_document(product: Product) -> dict[str, object]:
     """Return a product as a plain mapping, the form that read_product reads."""
     return {
         "name": product.name,
@@ -97,7 +96,7 @@ def product_document(product: Product) -> dict[str, Any]:
     }
 
 
-def finger_set_document(finger_set: FingerSet) -> dict[str, Any]:
+def finger_set_document(finger_set: FingerSet) -> dict[str, object]:
     """Return a finger set as a plain mapping, the form that read_finger_set reads."""
     return {"grasp": finger_set.grasp.value, "profile": finger_set.profile}
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Any
 
 from softgrip_cell import gates
 from softgrip_cell.errors import RefusedError, StorageError
@@ -259,7 +258,7 @@ class Cell:
         elif self._open_run.observe(all(pulled <= open_m for pulled in sample.pulled_length_m)):
             self._busy, self._product, self._note = None, "", ""
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> dict[str, object]:
         """Return the fields of CellState beside mode, slots and stamp."""
         mounted = self.mounted_set()
         outcomes = self._counts.outcomes
@@ -477,7 +476,7 @@ class Cell:
         checks: Mapping[str, FingerCheck],
         by_slot: Mapping[str, str],
     ) -> None:
-        references: dict[str, Any] = {}
+        references: dict[str, object] = {}
         bad = {name: check for name, check in checks.items() if check.finding is not Finding.GOOD}
         if outcome is SwapOutcome.SUCCEEDED:
             references = {

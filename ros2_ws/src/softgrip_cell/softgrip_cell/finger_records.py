@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
-from datetime import date
+from datetime import date, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 from softgrip_cell.errors import CatalogueError
 from softgrip_cell.yaml_fields import Fields, load
@@ -82,7 +82,7 @@ def read_finger_records(path: Path = SHIPPED) -> dict[str, FingerRecord]:
     return finger_records
 
 
-def finger_record_document(finger_record: FingerRecord) -> dict[str, Any]:
+def finger_record_document(finger_record: FingerRecord) -> dict[str, object]:
     """Return a finger record as a plain mapping, the form that read_finger_records reads."""
     return {
         "profile": finger_record.profile,
@@ -120,9 +120,9 @@ def _finger_record(serial: str, fields: Fields) -> FingerRecord:
 
 def _day(fields: Fields, name: str) -> date:
     value = fields.raw(name)
-    if isinstance(value, date):
+    if isinstance(value, date) and not isinstance(value, datetime):  # YAML's time of day is a date, too
         return value
-    try:
-        return date.fromisoformat(value)
-    except (TypeError, ValueError):
-        raise CatalogueError(f"{fields.where}.{name}: expected a day as 2026-11-21, found {value!r}") from None
+    if isinstance(value, str):
+        with contextlib.suppress(ValueError):
+            return date.fromisoformat(value)
+    raise CatalogueError(f"{fields.where}.{name}: expected a day as 2026-11-21, found {value!r}")

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from enum import Enum
 from pathlib import Path
 from typing import Any, TypeVar
@@ -34,7 +34,7 @@ Choice = TypeVar("Choice", bound=Enum)
 class Fields:
     """One mapping of a YAML file, read field by field; a field nobody asked for is an error."""
 
-    def __init__(self, where: str, value: Any) -> None:
+    def __init__(self, where: str, value: object) -> None:
         if not isinstance(value, dict):
             raise CatalogueError(f"{where}: expected a mapping, found {_kind(value)}")
         self.where = where
@@ -49,7 +49,7 @@ class Fields:
         self._asked.update(self._values)
         return list(self._values)
 
-    def raw(self, name: str) -> Any:
+    def raw(self, name: str) -> object:
         """Return a field's value, which has to be there."""
         self._asked.add(name)
         if name not in self._values:
@@ -100,9 +100,9 @@ class Fields:
             raise CatalogueError(f"{self.where}: unknown field {', '.join(unknown)}; known are {known}")
 
 
-def checked_number(where: str, value: Any, low: float, high: float, unit: str) -> float:
+def checked_number(where: str, value: object, low: float, high: float, unit: str) -> float:
     """Return a value as a finite float inside low..high [unit], else raise CatalogueError."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
         raise CatalogueError(f"{where}: expected a number [{unit}], found {_kind(value)}")
     if not low <= value <= high:
         raise CatalogueError(f"{where}: expected {low:g}..{high:g} {unit}, found {value:g}")
@@ -132,5 +132,5 @@ def load(path: Path, kind: str, schema: int) -> Fields:
     return fields
 
 
-def _kind(value: Any) -> str:
+def _kind(value: object) -> str:
     return "nothing" if value is None else f"{type(value).__name__} {value!r:.60}"

@@ -72,6 +72,7 @@ def test_export_reads_back_to_the_same_values(tmp_path: Path) -> None:
         (lambda d: d["products"]["egg"].update(mass_kg=-1.0), r"egg\.mass_kg: expected 0.0005\.\.5 kg, found -1"),
         (lambda d: d["products"]["egg"].update(mass_kg=float("nan")), "expected a number"),
         (lambda d: d["products"]["egg"].update(mass_kg=True), "expected a number"),
+        (lambda d: d["products"]["egg"].update(mass_kg=10**400), "expected a number"),
         (lambda d: d["products"]["egg"].update(grasp="claw"), "expected one of power, pinch, hook"),
         (lambda d: d["products"]["egg"].update(size_m=[0.01, 0.02, 0.03]), "length >= width >= height"),
         (lambda d: d["products"]["egg"].update(size_m=[0.01]), r"expected \[length, width, height\]"),

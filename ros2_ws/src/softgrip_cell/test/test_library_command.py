@@ -48,6 +48,15 @@ def test_fingers_go_out_and_come_back(url: str, tmp_path: Path, capsys: pytest.C
     assert main(["--database-url", url, "finger", "PX-1", "store"]) == 1
 
 
+def test_a_day_with_a_time_of_day_is_refused(url: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "fingers.yaml"
+    assert main(["--database-url", url, "export-fingers", str(path)]) == 0
+    path.write_text(path.read_text().replace("calibrated: never", "calibrated: 2026-11-21 10:00:00", 1))
+    assert main(["--database-url", url, "import-fingers", str(path)]) == 1
+    assert "calibrated: expected a day as 2026-11-21, found datetime" in capsys.readouterr().err
+    assert main(["--database-url", url, "export-fingers", str(path)]) == 0, "it can still be read"
+
+
 def test_outcomes_are_listed_with_their_intervals(url: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--database-url", url, "outcomes"]) == 0
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}

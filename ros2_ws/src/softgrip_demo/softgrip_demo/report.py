@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import base64
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from softgrip_demo.record import ShiftClosing, ShiftRecord
 
 
-def figures(record: ShiftRecord, folder: Path) -> dict[str, Any]:
+def figures(record: ShiftRecord, folder: Path) -> dict[str, object]:
     """Return what the page shows beside numbers: drawings as SVG, and the frames of the film, read from ``folder``."""
     return {
         "friction_svg": plots.friction_figure(record.friction),
@@ -44,7 +44,7 @@ def figures(record: ShiftRecord, folder: Path) -> dict[str, Any]:
     }
 
 
-def render(record: ShiftRecord, summary: dict[str, Any], drawn: dict[str, Any]) -> str:
+def render(record: ShiftRecord, summary: dict[str, object], drawn: dict[str, object]) -> str:
     """Return the page with its ``figures``."""
     environment = Environment(
         loader=PackageLoader("softgrip_demo"), autoescape=True, undefined=StrictUndefined, trim_blocks=True

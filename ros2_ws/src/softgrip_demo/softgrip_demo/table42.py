@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 SHIPPED: Final = Path(__file__).parent / "data" / "table42.json"
 
@@ -105,7 +105,7 @@ def load(path: Path = SHIPPED) -> CrossCheck | None:
     return CrossCheck(str(raw["how"]), tried)
 
 
-def page_view(check: CrossCheck | None) -> Mapping[str, Any] | None:
+def page_view(check: CrossCheck | None) -> Mapping[str, object] | None:
     """Return what the report shows of it, None when there is nothing."""
     if check is None:
         return None

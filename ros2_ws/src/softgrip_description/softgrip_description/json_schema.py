@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import difflib
 import json
-import math
 import re
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -36,9 +36,9 @@ def schema_path(kind: str) -> Path:
 
 
 @cache
-def shipped_schema(kind: str) -> Mapping[str, Any]:
+def shipped_schema(kind: str) -> Mapping[str, object]:
     """Return the shipped schema of a kind of file: "cell" or "hand"."""
-    schema: Mapping[str, Any] = json.loads(schema_path(kind).read_text(encoding="utf-8"))
+    schema: Mapping[str, object] = json.loads(schema_path(kind).read_text(encoding="utf-8"))
     return schema
 
 
@@ -57,8 +57,8 @@ def find_problems(value: Any, schema: Mapping[str, Any], place: Place = ()) -> I
             yield from _CHECKS[keyword](value, argument, schema, place)
 
 
-def _is_of_kind(value: Any, kind: str) -> bool:
-    if isinstance(value, bool) or (isinstance(value, float) and not math.isfinite(value)):
+def _is_of_kind(value: object, kind: str) -> bool:
+    if isinstance(value, bool) or (isinstance(value, int | float) and not abs(value) <= sys.float_info.max):
         return False
     return isinstance(value, _KINDS[kind])
 
@@ -68,47 +68,47 @@ def _named(kind: str) -> str:
     return names.get(kind, f"a {kind}")
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     text = "nothing" if value is None else json.dumps(value, default=str)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _hint(schema: Mapping[str, Any]) -> str:
+def _hint(schema: Mapping[str, object]) -> str:
     return f" ({schema['description']})" if "description" in schema else ""
 
 
-def _check_const(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_const(value: object, argument: object, schema: Mapping[str, object], place: Place) -> Iterator[Problem]:
     if value != argument or isinstance(value, bool):
         yield place, f"expected {_shown(argument)}, found {_shown(value)}{_hint(schema)}"
 
 
-def _check_enum(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_enum(value: Any, argument: Any, schema: Mapping[str, object], place: Place) -> Iterator[Problem]:
     if value not in argument or isinstance(value, bool):
         choices = ", ".join(_shown(choice) for choice in argument)
         yield place, f"expected one of {choices}, found {_shown(value)}{_hint(schema)}"
 
 
-def _check_minimum(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_minimum(value: Any, argument: Any, schema: Mapping[str, object], place: Place) -> Iterator[Problem]:
     if value < argument:
         yield place, f"expected at least {argument:g}, found {value:g}{_hint(schema)}"
 
 
-def _check_above(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_above(value: Any, argument: Any, schema: Mapping[str, object], place: Place) -> Iterator[Problem]:
     if value <= argument:
         yield place, f"expected more than {argument:g}, found {value:g}{_hint(schema)}"
 
 
-def _check_maximum(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_maximum(value: Any, argument: Any, schema: Mapping[str, object], place: Place) -> Iterator[Problem]:
     if value > argument:
         yield place, f"expected at most {argument:g}, found {value:g}{_hint(schema)}"
 
 
-def _check_min_length(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_min_length(value: Any, argument: Any, schema: Mapping[str, object], place: Place) -> Iterator[Problem]:
     if len(value) < argument:
         yield place, f"expected some text, found none{_hint(schema)}"
 
 
-def _check_pattern(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_pattern(value: Any, argument: Any, schema: Mapping[str, object], place: Place) -> Iterator[Problem]:
     if re.search(argument, value) is None:
         words = _PATTERNS.get(argument, "letters, digits and _, a letter first")
         yield place, f"expected {words}, found {_shown(value)}{_hint(schema)}"
@@ -120,7 +120,7 @@ def _check_required(value: Any, argument: Any, schema: Mapping[str, Any], place:
             yield (*place, name), f"expected it, found nothing{_hint(schema['properties'][name])}"
 
 
-def _check_properties(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_properties(value: Any, argument: Any, schema: Mapping[str, object], place: Place) -> Iterator[Problem]:
     del schema
     for name, inner in argument.items():
         if name in value:
@@ -138,35 +138,35 @@ def _check_others(value: Any, argument: Any, schema: Mapping[str, Any], place: P
             yield from find_problems(value[name], argument, (*place, str(name)))
 
 
-def _check_names(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_names(value: Any, argument: Any, schema: Mapping[str, object], place: Place) -> Iterator[Problem]:
     del schema
     for name in value:
         yield from find_problems(name, argument, (*place, str(name)))
 
 
-def _check_min(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_min(value: Any, argument: Any, schema: Mapping[str, object], place: Place) -> Iterator[Problem]:
     if len(value) < argument:
         yield place, f"expected at least {argument}, found {len(value) or 'none'}{_hint(schema)}"
 
 
-def _check_max(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_max(value: Any, argument: Any, schema: Mapping[str, object], place: Place) -> Iterator[Problem]:
     if len(value) > argument:
         yield place, f"expected at most {argument}, found {len(value)}{_hint(schema)}"
 
 
-def _check_items(value: Any, argument: Any, schema: Mapping[str, Any], place: Place) -> Iterator[Problem]:
+def _check_items(value: Any, argument: Any, schema: Mapping[str, object], place: Place) -> Iterator[Problem]:
     del schema
     for index, item in enumerate(value):
         yield from find_problems(item, argument, (*place, index))
 
 
-def guess(name: str, known: Iterator[str] | Mapping[str, Any] | set[str]) -> str:
+def guess(name: str, known: Iterator[str] | Mapping[str, object] | set[str]) -> str:
     """Return the known name that was probably meant, as the end of a message; empty where none is close."""
     close = difflib.get_close_matches(name, [*known], 1)
     return f"; did you mean {close[0]}?" if close else ""
 
 
-_CHECKS: Mapping[str, Callable[[Any, Any, Mapping[str, Any], Place], Iterator[Problem]]] = {
+_CHECKS: Mapping[str, Callable[[object, object, Mapping[str, object], Place], Iterator[Problem]]] = {
     "const": _check_const,
     "enum": _check_enum,
     "minimum": _check_minimum,

@@ -55,6 +55,10 @@ CHAIN = HEAD + "servos:\n  port: /dev/a\n  chain:\n"
         (CHAIN + "    - {tendon: a, model: M, id: 1, direction: 0}\n", "expected one of -1, 1, found 0"),
         (CHAIN + "    - {tendon: a, model: M, id: 1, spool_radius_m: 10}\n", "expected at most 0.1, found 10"),
         (CHAIN + "    - {tendon: a, model: M, id: 1, spool_radius_m: .nan}\n", "expected a number, found NaN"),
+        (
+            CHAIN + f"    - {{tendon: a, model: M, id: 1, spool_radius_m: -1{'0' * 400}}}\n",
+            "expected a number, found -1",
+        ),
         (CHAIN + "    - {tendon: a, id: 1}\n", r":6: servos.chain\[0\].model: expected it, found nothing"),
         (
             CHAIN + "    - {tendon: a, model: M, id: 1}\n    - {tendon: b, model: M, id: 1}\n",

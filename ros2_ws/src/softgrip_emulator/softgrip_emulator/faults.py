@@ -42,7 +42,7 @@ class ScheduledFault:
     at_s: float
     target: str = ""
     duration_s: float = 0.0
-    arguments: Mapping[str, Any] | None = None
+    arguments: Mapping[str, object] | None = None
 
 
 @dataclass
@@ -107,8 +107,8 @@ class _Held:
     """An attribute that faults hold: what it is without them, and what each of them wants, the latest last."""
 
     thing: object
-    without: Any
-    requested: dict[object, Any] = field(default_factory=dict)
+    without: object
+    requested: dict[object, object] = field(default_factory=dict)
 
 
 class Overrides:
@@ -117,7 +117,7 @@ class Overrides:
     def __init__(self) -> None:
         self._held: dict[tuple[int, str], _Held] = {}  # each holds its thing, so that no other one gets its id
 
-    def set(self, thing: object, **values: Any) -> Undo:
+    def set(self, thing: object, **values: object) -> Undo:
         """Give attributes other values; returns what ends it."""
         fault = object()
         for name, value in values.items():
@@ -171,7 +171,7 @@ class FaultBoard:
         return tuple(fault.label for fault in self._active)
 
     def inject(
-        self, fault: str, target: str = "", duration_s: float = 0.0, arguments: Mapping[str, Any] | None = None
+        self, fault: str, target: str = "", duration_s: float = 0.0, arguments: Mapping[str, object] | None = None
     ) -> None:
         """Make something go wrong.
 
@@ -229,7 +229,7 @@ class FaultBoard:
                 self.inject(row.fault, row.target, row.duration_s, row.arguments)
             self._end([f for f in self._active if f.until_s is not None and f.until_s <= now_s])
 
-    def _prepared(self, fault: str, target: str, arguments: dict[str, Any]) -> tuple[str, Callable[[], Undo]]:
+    def _prepared(self, fault: str, target: str, arguments: dict[str, object]) -> tuple[str, Callable[[], Undo]]:
         """Return the label of a fault and what starts it."""
         cell = self._cell
         label = f"{fault}@{target}" if target else fault
@@ -250,7 +250,7 @@ class FaultBoard:
         rig.inject(fault, **arguments)
         return lambda: rig.clear(fault)
 
-    def _started(self, fault: str, cause: Cause, arguments: dict[str, Any]) -> Undo:
+    def _started(self, fault: str, cause: Cause, arguments: dict[str, object]) -> Undo:
         try:
             _check_numbers(cause, arguments)
             return cause(self._cell, **arguments)
@@ -273,7 +273,7 @@ class FaultBoard:
 # -- the causes: each starts a fault and returns what ends it ---------------------------------------------------------
 
 
-def _check_numbers(cause: Cause, arguments: Mapping[str, Any]) -> None:
+def _check_numbers(cause: Cause, arguments: Mapping[str, object]) -> None:
     for name, one in inspect.signature(cause).parameters.items():
         value = arguments.get(name, one.default)
         if isinstance(one.default, int | float) and (isinstance(value, bool) or not isinstance(value, int | float)):

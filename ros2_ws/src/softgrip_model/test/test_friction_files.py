@@ -205,6 +205,7 @@ def test_a_model_survives_its_file(tmp_path, model):
         ({"covariance": [[1, 2], [3, 4]]}, "4 x 4"),
         ({"angle_range_rad": [2, 1]}, "low < high"),
         ({"cable_radius_m": None}, "cable_radius_m"),
+        ({"cable_radius_m": 10**400}, "cable_radius_m: expected a finite number"),
         ({"fitted_at": "yesterday"}, "fitted_at"),
         ({"id": "../evil"}, "id:"),
         ({"verdict": "fine"}, "verdict"),

@@ -60,6 +60,7 @@ def test_the_unit_of_force_is_newton(tmp_path):
         ("modulus: 2.0", "modulus: 2e3", "YAML reads exponents"),
         ("poisson: 0.3", "poisson: 0.5", "below 0.5, found 0.5"),
         ("title: small bar", "name: small bar", "missing keys ['title'], unknown keys ['name']"),
+        ("title: small bar", "name: small bar\n7: nine", "missing keys ['title'], unknown keys ['7', 'name']"),
         ("schema: 1", "schema: 7", "schema: expected 1, found 7"),
         ("length: mm", "length: [mm]", "units.length: expected one of m, cm, mm, found ['mm']"),
         ("[4.0, 1.0, 1.0]", "4.0", "mesh.bar.size: expected a list of 3 numbers, found 4.0"),

@@ -106,6 +106,7 @@ def changed(power: Profile, path: str, value: object) -> str:
         ("cable.radius_m", "thin", "cable.radius_m: expected a number, found 'thin'"),
         ("cable.radius_m", "1e-4", r"YAML reads exponents only as in 1.0e\+6"),
         ("cable.radius_m", True, "cable.radius_m: expected a number, found True"),
+        ("cable.radius_m", 10**400, "cable.radius_m: expected a number, found 1000"),
         ("cable.axial_stiffness_n", -1.0, "axial_stiffness_n: expected a positive number, found -1.0"),
         ("material.moment_law", "magic", "moment_law: expected one of linear"),
         ("material.modulus_constant_pa", 1.0e6, "least tangent modulus within max_strain: expected a positive number"),

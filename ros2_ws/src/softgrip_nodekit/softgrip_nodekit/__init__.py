@@ -20,7 +20,16 @@ from softgrip_nodekit.event_time import StampedInputs, input_stamp_ns, lateness_
 from softgrip_nodekit.executor import make_executor, with_message_info
 from softgrip_nodekit.health import HealthMonitor, HealthWatch, Pings
 from softgrip_nodekit.node import CellNode, HardwareNode
-from softgrip_nodekit.node_io import GoalHandle, NodeIo, RecordingIo
+from softgrip_nodekit.node_io import (
+    GoalClient,
+    GoalHandle,
+    GoalResult,
+    NodeIo,
+    PendingResult,
+    RecordingIo,
+    SentGoal,
+    ServiceClient,
+)
 from softgrip_nodekit.parameters import Parameter, ParameterTable
 from softgrip_nodekit.priority import REALTIME_PRIORITY, Rank, WhileBrief, claim_processor, realtime_parameter
 from softgrip_nodekit.qos import LATCHED, RELIABLE, SENSOR
@@ -40,7 +49,9 @@ __all__ = [
     "CellNode",
     "Diagnostics",
     "FatalError",
+    "GoalClient",
     "GoalHandle",
+    "GoalResult",
     "HardwareNode",
     "Health",
     "HealthMonitor",
@@ -49,9 +60,12 @@ __all__ = [
     "OrderGuard",
     "Parameter",
     "ParameterTable",
+    "PendingResult",
     "Pings",
     "Rank",
     "RecordingIo",
+    "SentGoal",
+    "ServiceClient",
     "StampedInputs",
     "StartupError",
     "UrgentServer",

@@ -6,7 +6,7 @@ from __future__ import annotations
 import fcntl
 import os
 from pathlib import Path
-from typing import IO, Any
+from typing import TextIO
 
 from rclpy.node import Node
 
@@ -20,7 +20,7 @@ def lock_folder() -> Path:
     return base / "softgrip-locks" / os.environ.get("ROS_DOMAIN_ID", "0")
 
 
-def claim_name(node: Node) -> IO[Any]:
+def claim_name(node: Node) -> TextIO:
     """Make sure that no other process of this user on this machine is the same node; keep what is returned.
 
     Two cells of one name would command each other's hardware. The lock is on a file that stays; it is free as

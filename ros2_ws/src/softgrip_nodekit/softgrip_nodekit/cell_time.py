@@ -10,13 +10,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.timer import Timer
 
 from softgrip_nodekit.errors import StartupError, startup_errors
 from softgrip_time import Clock as CellClock
@@ -121,7 +121,7 @@ def duration_clock(node: Node) -> Clock:
     return node.get_clock() if is_simulated(node) else Clock(clock_type=ClockType.STEADY_TIME)
 
 
-def duration_timer(node: Node, period: float, callback: Callable[[], None]) -> Any:
+def duration_timer(node: Node, period: float, callback: Callable[[], None]) -> Timer:
     """Return a timer [s] on the `duration_clock`; what watches for silence takes a `steady_timer` instead."""
     return node.create_timer(period, callback, clock=duration_clock(node))
 
@@ -132,7 +132,7 @@ def _lockstep(node: Node) -> str:
 
 def steady_timer(
     node: Node, period: float, callback: Callable[[], None], callback_group: CallbackGroup | None = None
-) -> Any:
+) -> Timer:
     """Return a timer on the steady clock.
 
     A timer of `Node.create_timer` follows the node's clock: with ``use_sim_time`` it stands while nobody publishes

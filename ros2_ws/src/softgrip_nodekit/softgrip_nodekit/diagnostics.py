@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from enum import IntEnum
-from typing import Any
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
@@ -16,6 +16,9 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from softgrip_nodekit.callback_errors import callback_errors
 from softgrip_nodekit.cell_time import steady_timer
 from softgrip_nodekit.qos import RELIABLE
+
+if TYPE_CHECKING:
+    from rclpy.subscription import Subscription
 
 #: DDS tells of a publisher before it knows its node (rmw_dds_common, graph_cache.cpp).
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
@@ -65,7 +68,7 @@ def diagnosed_nodes(node: Node) -> list[str]:
     return [name for name in names if name.startswith(f"{own}/")]
 
 
-def _is_stream_or_state(subscription: Any) -> bool:
+def _is_stream_or_state(subscription: Subscription) -> bool:
     qos = subscription.qos_profile
     is_stream = qos.reliability == ReliabilityPolicy.BEST_EFFORT
     return bool(is_stream or qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)

@@ -3,7 +3,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Protocol, TypeVar
 
 
 class StartupError(Exception):
@@ -23,10 +23,17 @@ def startup_errors(*kinds: type[Exception]) -> Iterator[None]:
         raise StartupError(str(error)) from error
 
 
-Response = TypeVar("Response", bound=Any)
+class SuccessResponse(Protocol):
+    """A response that says whether it was done, and in words what came of it."""
+
+    success: bool
+    message: str
 
 
-def answer(response: Response, act: Callable[[], str], *refusals: type[Exception]) -> Response:
+SuccessResponseT = TypeVar("SuccessResponseT", bound=SuccessResponse)
+
+
+def answer(response: SuccessResponseT, act: Callable[[], str], *refusals: type[Exception]) -> SuccessResponseT:
     """Act, and fill in what came of it.
 
     Args:

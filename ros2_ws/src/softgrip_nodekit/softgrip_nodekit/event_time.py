@@ -23,10 +23,11 @@ import bisect
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final, Protocol
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Header
 
 from softgrip_interfaces.msg import InputNote
 from softgrip_nodekit.diagnostics import Diagnostics, Health
@@ -112,6 +113,14 @@ class LatchedInputs:
             self._held.pop(0).apply()
 
 
+class StampedMessage(Protocol):
+    """A message that says of when it is."""
+
+    @property
+    def header(self) -> Header:
+        """With its stamp."""
+
+
 class StampedInputs:
     """A node's inputs by stamp, with what was late on /diagnostics and on ``~/input_notes``.
 
@@ -131,18 +140,18 @@ class StampedInputs:
         self._late: Counter[str] = Counter()
         self._report()
 
-    def latch(self, topic: str, message: Any, apply: Callable[[], None]) -> None:
+    def latch(self, topic: str, message: StampedMessage, apply: Callable[[], None]) -> None:
         """Take a latched input; ``apply`` makes it hold."""
         self._latched.put(topic, input_stamp_ns(message), apply)
 
-    def drive(self, message: Any) -> None:
+    def drive(self, message: StampedMessage) -> None:
         """Make hold what a driving message is to be answered with."""
         stamp_ns = input_stamp_ns(message)
         if not self._latched.newest_ns:
             self._publish(self._driver, stamp_ns, 0)
         self._latched.advance(stamp_ns)
 
-    def pair(self, topic: str, message: Any, max_age_ns: int) -> None:
+    def pair(self, topic: str, message: StampedMessage, max_age_ns: int) -> None:
         """Count a paired input that is older than the driving messages that are kept [ns]."""
         stamp_ns = input_stamp_ns(message)
         if self._latched.newest_ns - stamp_ns > max_age_ns:
@@ -164,6 +173,6 @@ class StampedInputs:
         self._diagnostics.set("inputs", Health.OK, f"late: {late}" if late else "in the order of their stamps", values)
 
 
-def input_stamp_ns(message: Any) -> int:
+def input_stamp_ns(message: StampedMessage) -> int:
     """Return from when on an input holds [ns]; 0: it does not say. A friction model's header has that of its fit."""
     return nanoseconds(message.activated if hasattr(message, "activated") else message.header.stamp)

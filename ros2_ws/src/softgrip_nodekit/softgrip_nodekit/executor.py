@@ -12,19 +12,24 @@ import contextlib
 import importlib
 import inspect
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import rclpy
 from rclpy.action import ActionClient, ActionServer
 from rclpy.context import Context
-from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
+
+if TYPE_CHECKING:
+    from rclpy.subscription import MessageInfo
+
+Message = TypeVar("Message")
 
 #: rclpy whose events executor waits for services that are coroutines, too.
 _EVENTS_SINCE = (7, 1, 11)
 
 
-def make_executor(node: Node, threads: int = 1) -> Any:
+def make_executor(node: Node, threads: int = 1) -> Executor:
     """Return an executor for a node that is complete; it is not added yet."""
     if threads > 1:
         return MultiThreadedExecutor(num_threads=threads)
@@ -36,10 +41,11 @@ def make_executor(node: Node, threads: int = 1) -> Any:
     # That one cannot wait for guard conditions.
     if _rclpy_version() < _EVENTS_SINCE or list(node.guards):
         return SingleThreadedExecutor()
-    return experimental.EventsExecutor()
+    events_executor: Executor = experimental.EventsExecutor()
+    return events_executor
 
 
-def with_message_info(callback: Callable[[Any, dict[str, Any]], None]) -> Callable[[Any, dict[str, Any]], None]:
+def with_message_info(callback: Callable[[Message, MessageInfo], None]) -> Callable[[Message, MessageInfo], None]:
     """Return a subscription's callback of message and message info that every executor can call.
 
     The events executor hands both over as one tuple; rclpy tells by the signature whether a callback wants them.

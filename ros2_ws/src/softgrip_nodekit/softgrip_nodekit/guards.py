@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
+from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
@@ -15,6 +16,21 @@ from std_srvs.srv import Trigger
 from softgrip_nodekit.cell_time import USE_SIM_TIME, is_simulated
 from softgrip_nodekit.errors import StartupError
 from softgrip_nodekit.node import CellNode
+
+if TYPE_CHECKING:
+    from rclpy.parameter import Parameter
+
+
+class _SetRequest(Protocol):
+    """A request of either service that sets parameters."""
+
+    @property
+    def parameters(self) -> Sequence[ParameterMessage]:
+        """What is to be set."""
+
+
+_Request = TypeVar("_Request", bound=_SetRequest)
+_Response = TypeVar("_Response")
 
 #: The service by which a node shows that its executor works through its callbacks.
 PING = "~/ping"
@@ -61,15 +77,17 @@ def is_real_device(path: str) -> bool:
     return device.startswith("/dev/") and not device.startswith("/dev/pts/")
 
 
-def _refuse_other_time(parameters: Sequence[Any]) -> SetParametersResult:
+def _refuse_other_time(parameters: Sequence[Parameter]) -> SetParametersResult:
     if any(parameter.name == USE_SIM_TIME for parameter in parameters):
         reason = f"'{USE_SIM_TIME}' may be set at the start only: -p {USE_SIM_TIME}:=true; timers would stand still"
         return SetParametersResult(successful=False, reason=reason)
     return SetParametersResult(successful=True, reason="")
 
 
-def _checked(callback: Callable[[Any, Any], Any], refuse: Callable[[Any, Any, str], Any]) -> Callable[[Any, Any], Any]:
-    def checked(request: Any, response: Any) -> Any:
+def _checked(
+    callback: Callable[[_Request, _Response], _Response], refuse: Callable[[_Request, _Response, str], _Response]
+) -> Callable[[_Request, _Response], _Response]:
+    def checked(request: _Request, response: _Response) -> _Response:
         for parameter in request.parameters:
             kind = parameter.value.type
             if not ParameterType.PARAMETER_NOT_SET <= kind <= ParameterType.PARAMETER_STRING_ARRAY:
@@ -81,11 +99,15 @@ def _checked(callback: Callable[[Any, Any], Any], refuse: Callable[[Any, Any, st
     return checked
 
 
-def _refuse_each(request: Any, response: Any, reason: str) -> Any:
+def _refuse_each(
+    request: SetParameters.Request, response: SetParameters.Response, reason: str
+) -> SetParameters.Response:
     response.results = [SetParametersResult(successful=False, reason=reason) for _ in request.parameters]
     return response
 
 
-def _refuse_all(_: Any, response: Any, reason: str) -> Any:
+def _refuse_all(
+    _: SetParametersAtomically.Request, response: SetParametersAtomically.Response, reason: str
+) -> SetParametersAtomically.Response:
     response.result = SetParametersResult(successful=False, reason=reason)
     return response

@@ -7,7 +7,7 @@ import functools
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -15,6 +15,11 @@ from std_srvs.srv import Trigger
 from softgrip_nodekit.callback_errors import callback_errors
 from softgrip_nodekit.cell_time import steady_timer
 from softgrip_nodekit.isolated import IsolatedNode
+
+if TYPE_CHECKING:
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.client import Client
+    from rclpy.task import Future
 
 #: [s] between two pings of a node.
 PING_PERIOD_S = 0.25
@@ -89,13 +94,13 @@ class Pings:
         *,
         now_s: Callable[[], float] = time.monotonic,
         resolved_by: Node | None = None,
-        callback_group: Any = None,
+        callback_group: CallbackGroup | None = None,
     ) -> None:
         self._now_s = now_s
         self._limit = limit
         self._lock = threading.Lock()
         self._watch = HealthWatch(names, limit, max_gap_s=3.0 * period)
-        self._pings: dict[str, tuple[Any, float]] = {}
+        self._pings: dict[str, tuple[Future[Trigger.Response], float]] = {}
         resolve = (resolved_by or node).resolve_service_name
         self._clients = {
             name: node.create_client(Trigger, resolve(f"{name}/ping"), callback_group=callback_group) for name in names
@@ -115,7 +120,7 @@ class Pings:
         with self._lock:
             return self._watch.find_changes(now)
 
-    def _ping(self, name: str, client: Any, now: float) -> None:
+    def _ping(self, name: str, client: Client[Trigger.Request, Trigger.Response], now: float) -> None:
         sent = self._pings.get(name)
         if sent is not None:
             if now - sent[1] < self._limit:
@@ -126,7 +131,7 @@ class Pings:
             self._pings[name] = future, now
             future.add_done_callback(functools.partial(self._take_answer, name))
 
-    def _take_answer(self, name: str, future: Any) -> None:
+    def _take_answer(self, name: str, future: Future[Trigger.Response]) -> None:
         self._pings.pop(name, None)
         if future.exception() is None:
             with self._lock:

@@ -13,8 +13,8 @@ stand still. The node's executor must be single-threaded: steps do not overlap.
 from __future__ import annotations
 
 import secrets
-from collections.abc import Awaitable, Callable
-from typing import Any, Protocol
+from collections.abc import Callable, Coroutine, Iterable
+from typing import TYPE_CHECKING, Any, Generic, Protocol, SupportsIndex, TypeVar
 
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.node import Node
@@ -24,9 +24,30 @@ from rclpy.task import Future
 
 from softgrip_interfaces.msg import NodeTrace, TraceStep
 from softgrip_nodekit.cell_time import duration_clock, duration_timer, steady_timer
+from softgrip_nodekit.errors import SuccessResponseT
 from softgrip_nodekit.stamps import nanoseconds, to_time_message
 from softgrip_nodekit.standstill import OrderGuard
 from softgrip_time.units import to_s
+
+if TYPE_CHECKING:
+    from softgrip_nodekit.event_time import StampedMessage
+
+T = TypeVar("T")
+Stamped = TypeVar("Stamped", bound="StampedMessage")
+T_co = TypeVar("T_co", covariant=True)
+Request = TypeVar("Request")
+Response = TypeVar("Response")
+Goal = TypeVar("Goal")
+Feedback = TypeVar("Feedback")
+Result = TypeVar("Result")
+Request_co = TypeVar("Request_co", covariant=True)
+Feedback_co = TypeVar("Feedback_co", covariant=True)
+Request_contra = TypeVar("Request_contra", contravariant=True)
+Response_co = TypeVar("Response_co", covariant=True)
+Goal_co = TypeVar("Goal_co", covariant=True)
+Goal_contra = TypeVar("Goal_contra", contravariant=True)
+Result_co = TypeVar("Result_co", covariant=True)
+Feedback_contra = TypeVar("Feedback_contra", contravariant=True)
 
 #: [s] between two messages of a trace.
 _PERIOD_S = 0.1
@@ -41,22 +62,53 @@ _QOS = QoSProfile(
 NUMBER_BYTES = 8
 
 
-class GoalHandle(Protocol):
+class ServiceType(Protocol[Request_co, Response_co]):
+    """A class of a service; a call of one of its classes makes a message."""
+
+    def Request(self) -> Request_co:  # noqa: N802  rosidl's name
+        """What is asked."""
+
+    def Response(self) -> Response_co:  # noqa: N802
+        """What is answered."""
+
+
+class ActionType(Protocol[Goal_co, Result_co, Feedback_co]):
+    """A class of an action; a call of one of its classes makes a message."""
+
+    def Goal(self) -> Goal_co:  # noqa: N802  rosidl's name
+        """What is wanted."""
+
+    def Result(self) -> Result_co:  # noqa: N802
+        """How it ended."""
+
+    def Feedback(self) -> Feedback_co:  # noqa: N802
+        """How far it is."""
+
+
+class GoalId(Protocol):
+    """What unique_identifier_msgs/UUID has."""
+
+    @property
+    def uuid(self) -> Iterable[SupportsIndex]:
+        """Sixteen bytes."""
+
+
+class GoalHandle(Protocol[Goal_co, Feedback_contra]):
     """A goal that an action serves: rclpy's handle, a recorded one, or one of a replay."""
 
     @property
-    def request(self) -> Any:
+    def request(self) -> Goal_co:
         """What is asked for."""
 
     @property
-    def goal_id(self) -> Any:
-        """Its unique_identifier_msgs/UUID."""
+    def goal_id(self) -> GoalId:
+        """Its identity."""
 
     @property
     def is_cancel_requested(self) -> bool:
         """Whether the client wants it to end."""
 
-    def publish_feedback(self, feedback: Any) -> None:
+    def publish_feedback(self, feedback: Feedback_contra) -> None:
         """Publish how far it is."""
 
     def succeed(self) -> None:
@@ -69,8 +121,61 @@ class GoalHandle(Protocol):
         """Report that it ended because the client wanted it to."""
 
 
-Execute = Callable[[GoalHandle], Awaitable[Any]]
-Cancel = Callable[[GoalHandle], CancelResponse]
+class PendingResult(Protocol[T_co]):
+    """What a call or a goal will come to: rclpy's Future or an `Answer`."""
+
+    def result(self) -> T_co:
+        """Return it; None where it never came."""
+
+    def add_done_callback(self, callback: Callable[[PendingResult[T_co]], object]) -> None:
+        """Call back when it is there."""
+
+
+class ServiceClient(Protocol[Request_contra, Response_co]):
+    """A client of a service: rclpy's, a recorded one, or one of a replay."""
+
+    def service_is_ready(self) -> bool:
+        """Whether somebody serves."""
+
+    def call_async(self, request: Request_contra) -> PendingResult[Response_co | None]:
+        """Ask; nothing comes from a server that went away."""
+
+
+class GoalResult(Protocol[Result_co]):
+    """How a goal ended. rclpy's has a status, too; a trace has none."""
+
+    @property
+    def result(self) -> Result_co:
+        """The action's result."""
+
+
+class SentGoal(Protocol[Result_co]):
+    """A goal that an action's server has accepted or refused."""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether it was accepted."""
+
+    def cancel_goal_async(self) -> object:
+        """Ask to end it."""
+
+    def get_result_async(self) -> PendingResult[GoalResult[Result_co]]:
+        """Ask how it ends."""
+
+
+class GoalClient(Protocol[Goal_contra, Result_co]):
+    """A client of an action: rclpy's, a recorded one, or one of a replay."""
+
+    def server_is_ready(self) -> bool:
+        """Whether somebody serves."""
+
+    def send_goal_async(self, goal: Goal_contra) -> PendingResult[SentGoal[Result_co]]:
+        """Send a goal."""
+
+
+#: Callbacks of an action's server, by goal, feedback and result.
+Execute = Callable[[GoalHandle[Goal, Feedback]], Coroutine[Any, Any, Result]]
+Cancel = Callable[[GoalHandle[Goal, Feedback]], CancelResponse]
 
 
 class NodeIo:
@@ -101,22 +206,31 @@ class NodeIo:
         """Return 128 random bits as 32 hex digits: a secret that nobody can guess."""
         return secrets.token_hex(16)
 
-    def create_subscription(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
+    def create_subscription(
+        self, kind: type[Stamped], topic: str, callback: Callable[[Stamped], None], qos: QoSProfile
+    ) -> None:
         """Subscribe to messages with a header."""
         self._node.create_subscription(kind, topic, callback, qos)
 
-    def create_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+    def create_service(
+        self, kind: ServiceType[Request, Response], name: str, callback: Callable[[Request, Response], Response]
+    ) -> None:
         """Serve requests."""
         self._node.create_service(kind, name, callback)
 
-    def create_order_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+    def create_order_service(
+        self,
+        kind: ServiceType[Request, SuccessResponseT],
+        name: str,
+        callback: Callable[[Request, SuccessResponseT], SuccessResponseT],
+    ) -> None:
         """Serve requests after which something may move: none that may be older than the process's standstill.
 
         The response has ``success`` and ``message``.
         """
         self._guard_orders()
 
-        def obey(request: Any, response: Any) -> Any:
+        def obey(request: Request, response: SuccessResponseT) -> SuccessResponseT:
             if refusal := self._why_too_old(name):
                 response.success, response.message = False, refusal
                 return response
@@ -128,11 +242,17 @@ class NodeIo:
         """Make a timer on the clock of durations."""
         duration_timer(self._node, period_s, callback)
 
-    def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Cancel) -> None:
+    def create_action_server(
+        self,
+        kind: ActionType[Goal, Result, Feedback],
+        name: str,
+        execute: Execute[Goal, Feedback, Result],
+        cancel: Cancel[Goal, Feedback],
+    ) -> None:
         """Serve goals; both callbacks get rclpy's goal handle, or what has its names."""
         self._guard_orders()
 
-        def judge(_goal: Any) -> GoalResponse:
+        def judge(_goal: object) -> GoalResponse:
             return GoalResponse.REJECT if self._why_too_old(name) else GoalResponse.ACCEPT
 
         server = ActionServer(
@@ -152,15 +272,15 @@ class NodeIo:
             self._node.get_logger().warning(f"{name} refused: {refusal}")
         return refusal
 
-    def create_client(self, kind: Any, name: str) -> Any:
+    def create_client(self, kind: ServiceType[Request, Response], name: str) -> ServiceClient[Request, Response]:
         """Return a client of a service."""
         return self._node.create_client(kind, name)
 
-    def create_action_client(self, kind: Any, name: str) -> Any:
+    def create_action_client(self, kind: ActionType[Goal, Result, Feedback], name: str) -> GoalClient[Goal, Result]:
         """Return a client of an action."""
         return ActionClient(self._node, kind, name)
 
-    def create_task(self, work: Callable[..., Any], *arguments: Any) -> None:
+    def create_task(self, work: Callable[..., object], *arguments: object) -> None:
         """Run work through the executor, after the present callback; at once when there is no executor."""
         executor = self._node.executor
         if executor is None:
@@ -168,7 +288,7 @@ class NodeIo:
         else:
             executor.create_task(work, *arguments)
 
-    async def wait_for(self, name: str, future: Future) -> Any:  # noqa: ARG002  a trace tells the waits apart by name
+    async def wait_for(self, name: str, future: Future[T]) -> T:  # noqa: ARG002  a trace tells the waits apart by name
         """Return the result of a future; what follows is a step of its own."""
         return await future
 
@@ -186,7 +306,7 @@ class StepLog(Protocol):
     def begin_step(self, name: str, data: bytes = b"", stamp: int = 0) -> None:
         """Begin a step."""
 
-    def record_output(self, name: str, message: Any) -> None:
+    def record_output(self, name: str, message: object) -> None:
         """Take what leaves the node in the present step: a message, or bytes."""
 
     def observe(self, name: str, read: Callable[[], bytes]) -> bytes:
@@ -218,7 +338,7 @@ class StepTrace:
         self._begun_ns = self._io.now_ns(), self._io.monotonic_ns()
         self._append(name, data, stamp)
 
-    def record_output(self, name: str, message: Any) -> None:
+    def record_output(self, name: str, message: object) -> None:
         """Write down what leaves."""
         self._append(name, as_bytes(message))
 
@@ -274,28 +394,39 @@ class RecordingIo(NodeIo):
         """Begin the first step: write down what the node remembers (``save``); in a replay put it back (``load``)."""
         self._log.start(save, load)
 
-    def create_subscription(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile) -> None:
+    def create_subscription(
+        self, kind: type[Stamped], topic: str, callback: Callable[[Stamped], None], qos: QoSProfile
+    ) -> None:
         """Subscribe to messages with a header: the log names them by their stamp."""
         name = f"topic {self._node.resolve_topic_name(topic)}"
 
-        def received(message: Any) -> None:
+        def received(message: Stamped) -> None:
             self._log.begin_step(name, stamp=nanoseconds(message.header.stamp))
             callback(message)
 
         self._io.create_subscription(kind, topic, received, qos)
 
-    def create_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+    def create_service(
+        self, kind: ServiceType[Request, Response], name: str, callback: Callable[[Request, Response], Response]
+    ) -> None:
         """Serve requests."""
         self._io.create_service(kind, name, self._recorded(name, callback))
 
-    def create_order_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+    def create_order_service(
+        self,
+        kind: ServiceType[Request, SuccessResponseT],
+        name: str,
+        callback: Callable[[Request, SuccessResponseT], SuccessResponseT],
+    ) -> None:
         """Serve requests after which something may move; one that is too old is no step of the node."""
         self._io.create_order_service(kind, name, self._recorded(name, callback))
 
-    def _recorded(self, name: str, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    def _recorded(
+        self, name: str, callback: Callable[[Request, Response], Response]
+    ) -> Callable[[Request, Response], Response]:
         full = self._resolve(name)
 
-        def requested(request: Any, response: Any) -> Any:
+        def requested(request: Request, response: Response) -> Response:
             self._log.begin_step(f"request {full}", as_bytes(request))
             response = callback(request, response)
             self._log.record_output(f"answered {full}", response)
@@ -312,12 +443,18 @@ class RecordingIo(NodeIo):
 
         self._io.create_timer(period_s, due)
 
-    def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Cancel) -> None:
+    def create_action_server(
+        self,
+        kind: ActionType[Goal, Result, Feedback],
+        name: str,
+        execute: Execute[Goal, Feedback, Result],
+        cancel: Cancel[Goal, Feedback],
+    ) -> None:
         """Serve goals."""
         full = self._resolve(name)
         to_cancel: set[bytes] = set()
 
-        async def accepted(handle: GoalHandle) -> Any:
+        async def accepted(handle: GoalHandle[Goal, Feedback]) -> Result:
             key = bytes(handle.goal_id.uuid)
             self._log.begin_step(f"goal {full}", key + as_bytes(handle.request))
             result = await execute(_RecordedGoal(self._log, full, handle, to_cancel))
@@ -325,7 +462,7 @@ class RecordingIo(NodeIo):
             self._log.record_output(f"finished {full}", result)
             return result
 
-        def cancelled(handle: GoalHandle) -> CancelResponse:
+        def cancelled(handle: GoalHandle[Goal, Feedback]) -> CancelResponse:
             key = bytes(handle.goal_id.uuid)
             self._log.begin_step(f"cancel {full}", key)
             to_cancel.add(key)
@@ -333,15 +470,15 @@ class RecordingIo(NodeIo):
 
         self._io.create_action_server(kind, name, accepted, cancelled)
 
-    def create_client(self, kind: Any, name: str) -> Any:
+    def create_client(self, kind: ServiceType[Request, Response], name: str) -> ServiceClient[Request, Response]:
         """Return a client of a service."""
         return _RecordedClient(self, self._log, self._io.create_client(kind, name), self._resolve(name))
 
-    def create_action_client(self, kind: Any, name: str) -> Any:
+    def create_action_client(self, kind: ActionType[Goal, Result, Feedback], name: str) -> GoalClient[Goal, Result]:
         """Return a client of an action."""
         return _RecordedActionClient(self, self._log, self._io.create_action_client(kind, name), self._resolve(name))
 
-    def create_task(self, work: Callable[..., Any], *arguments: Any) -> None:
+    def create_task(self, work: Callable[..., object], *arguments: object) -> None:
         """Run work in a step of its own, once the present one is over."""
 
         def due() -> None:
@@ -350,7 +487,7 @@ class RecordingIo(NodeIo):
 
         self._io.create_task(due)
 
-    async def wait_for(self, name: str, future: Future) -> Any:
+    async def wait_for(self, name: str, future: Future[T]) -> T:
         """Wait, then begin a step."""
         result = await self._io.wait_for(name, future)
         self._log.begin_step(f"resumed {name}")
@@ -365,29 +502,29 @@ class RecordingIo(NodeIo):
         return str(self._node.resolve_service_name(name))
 
 
-class Answer:
+class Answer(Generic[T]):
     """An answer that is waited for: rclpy's Future, as far as callbacks go.
 
     The callbacks run in the step that brings the answer, and their errors are the step's: rclpy's Future only warns.
     """
 
     def __init__(self) -> None:
-        self._result: Any = None
+        self._result: T | None = None
         self._is_done = False
-        self._callbacks: list[Callable[[Any], Any]] = []
+        self._callbacks: list[Callable[[Answer[T]], object]] = []
 
-    def result(self) -> Any:
+    def result(self) -> T:
         """Return the answer; None before it came."""
-        return self._result
+        return self._result  # type: ignore[return-value]  # as rclpy's
 
-    def add_done_callback(self, callback: Callable[[Any], Any]) -> None:
+    def add_done_callback(self, callback: Callable[[Answer[T]], object]) -> None:
         """Call back with this object; at once when the answer is there."""
         if self._is_done:
             callback(self)
         else:
             self._callbacks.append(callback)
 
-    def set_result(self, result: Any) -> None:
+    def set_result(self, result: T) -> None:
         """Give the answer."""
         self._result, self._is_done = result, True
         callbacks, self._callbacks = self._callbacks, []
@@ -395,10 +532,10 @@ class Answer:
             callback(self)
 
 
-class _RecordedGoal:
+class _RecordedGoal(Generic[Goal, Feedback]):
     """A goal that is served, in rclpy's names."""
 
-    def __init__(self, log: StepLog, name: str, handle: GoalHandle, to_cancel: set[bytes]) -> None:
+    def __init__(self, log: StepLog, name: str, handle: GoalHandle[Goal, Feedback], to_cancel: set[bytes]) -> None:
         self._log = log
         self._name = name
         self._handle = handle
@@ -411,7 +548,7 @@ class _RecordedGoal:
         """Whether the client wants it to end, as far as a step has said so."""
         return bytes(self._handle.goal_id.uuid) in self._to_cancel
 
-    def publish_feedback(self, feedback: Any) -> None:
+    def publish_feedback(self, feedback: Feedback) -> None:
         self._log.record_output(f"feedback {self._name}", feedback)
         self._handle.publish_feedback(feedback)
 
@@ -428,10 +565,10 @@ class _RecordedGoal:
         self._handle.canceled()
 
 
-class _RecordedClient:
+class _RecordedClient(Generic[Request, Response]):
     """A client of a service, in rclpy's names."""
 
-    def __init__(self, io: RecordingIo, log: StepLog, client: Any, name: str) -> None:
+    def __init__(self, io: RecordingIo, log: StepLog, client: ServiceClient[Request, Response], name: str) -> None:
         self._io = io
         self._log = log
         self._client = client
@@ -440,11 +577,11 @@ class _RecordedClient:
     def service_is_ready(self) -> bool:
         return self._log.observe(f"ready {self._name}", lambda: bytes([self._client.service_is_ready()])) == b"\1"
 
-    def call_async(self, request: Any) -> Answer:
-        number, answer = self._io.next_number(), Answer()
+    def call_async(self, request: Request) -> Answer[Response | None]:
+        number, answer = self._io.next_number(), Answer[Response | None]()
         self._log.record_output(f"called {self._name}", request)
 
-        def responded(future: Any) -> None:
+        def responded(future: PendingResult[Response | None]) -> None:
             response = future.result()
             self._log.begin_step(f"response {self._name}", number + (b"" if response is None else as_bytes(response)))
             answer.set_result(response)
@@ -453,10 +590,10 @@ class _RecordedClient:
         return answer
 
 
-class _RecordedActionClient:
+class _RecordedActionClient(Generic[Goal, Result]):
     """A client of an action, in rclpy's names."""
 
-    def __init__(self, io: RecordingIo, log: StepLog, client: Any, name: str) -> None:
+    def __init__(self, io: RecordingIo, log: StepLog, client: GoalClient[Goal, Result], name: str) -> None:
         self._io = io
         self._log = log
         self._client = client
@@ -465,11 +602,11 @@ class _RecordedActionClient:
     def server_is_ready(self) -> bool:
         return self._log.observe(f"ready {self._name}", lambda: bytes([self._client.server_is_ready()])) == b"\1"
 
-    def send_goal_async(self, goal: Any) -> Answer:
-        number, answer = self._io.next_number(), Answer()
+    def send_goal_async(self, goal: Goal) -> Answer[SentGoal[Result]]:
+        number, answer = self._io.next_number(), Answer[SentGoal[Result]]()
         self._log.record_output(f"sent {self._name}", goal)
 
-        def taken(future: Any) -> None:
+        def taken(future: PendingResult[SentGoal[Result]]) -> None:
             handle = future.result()
             self._log.begin_step(f"taken {self._name}", number + bytes([handle.accepted]))
             answer.set_result(_RecordedSentGoal(self._log, self._name, number, handle))
@@ -478,10 +615,10 @@ class _RecordedActionClient:
         return answer
 
 
-class _RecordedSentGoal:
+class _RecordedSentGoal(Generic[Result]):
     """A goal sent to another node, in rclpy's names."""
 
-    def __init__(self, log: StepLog, name: str, number: bytes, handle: Any) -> None:
+    def __init__(self, log: StepLog, name: str, number: bytes, handle: SentGoal[Result]) -> None:
         self._log = log
         self._name = name
         self._number = number
@@ -492,10 +629,10 @@ class _RecordedSentGoal:
         self._log.record_output(f"withdrawn {self._name}", self._number)
         self._handle.cancel_goal_async()
 
-    def get_result_async(self) -> Answer:
-        answer = Answer()
+    def get_result_async(self) -> Answer[GoalResult[Result]]:
+        answer: Answer[GoalResult[Result]] = Answer()
 
-        def done(future: Any) -> None:
+        def done(future: PendingResult[GoalResult[Result]]) -> None:
             response = future.result()
             self._log.begin_step(f"result {self._name}", self._number + as_bytes(response.result))
             answer.set_result(response)
@@ -504,6 +641,6 @@ class _RecordedSentGoal:
         return answer
 
 
-def as_bytes(message: Any) -> bytes:
+def as_bytes(message: object) -> bytes:
     """Return a message in the wire's form; bytes as they are."""
     return message if isinstance(message, bytes) else bytes(serialize_message(message))

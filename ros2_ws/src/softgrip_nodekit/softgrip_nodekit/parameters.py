@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import InvalidParameterTypeException
@@ -14,6 +14,9 @@ from rclpy.node import Node
 
 from softgrip_nodekit.errors import StartupError
 from softgrip_nodekit.node import CellNode
+
+if TYPE_CHECKING:
+    from rclpy.parameter import Parameter as RosParameter
 
 
 @dataclass(frozen=True)
@@ -147,7 +150,7 @@ class ParameterTable:
     def on_change(self, node: Node, apply: Callable[[dict[str, Any]], None]) -> None:
         """Call ``apply`` with the changed values after they were validated and set."""
 
-        def post(parameters: Sequence[Any]) -> None:
+        def post(parameters: Sequence[RosParameter]) -> None:
             changed = {p.name: self._plain(p.value) for p in parameters if p.name in self._by_name}
             if changed:
                 apply(changed)
@@ -168,7 +171,7 @@ class ParameterTable:
         node.get_logger().warning(f"parameter '{row.former}' {said} '{row.name}' now: use that name")
         return value
 
-    def _validate(self, parameters: Sequence[Any]) -> SetParametersResult:
+    def _validate(self, parameters: Sequence[RosParameter]) -> SetParametersResult:
         for parameter in parameters:
             row = self._by_name.get(parameter.name)
             problem = row.problem(self._plain(parameter.value)) if row else None

@@ -12,10 +12,9 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 
@@ -82,7 +81,7 @@ def run(factory: Callable[[], CellNode], args: Sequence[str] | None = None, *, t
     sys.setswitchinterval(SWITCH_INTERVAL)
     node: CellNode | None = None
     follower: CellFollower | None = None
-    executor: Any = None
+    executor: Executor | None = None
     code, is_started = 0, False
     try:
         node = factory()
@@ -123,7 +122,7 @@ def run(factory: Callable[[], CellNode], args: Sequence[str] | None = None, *, t
     return code
 
 
-def _spin(executor: Any, errors: CallbackErrors) -> None:
+def _spin(executor: Executor, errors: CallbackErrors) -> None:
     """Run callbacks until the context ends; executors let out what a callback raised, and can be run again."""
     while True:
         try:
@@ -211,7 +210,7 @@ def _await_devices(paths: Sequence[Path]) -> None:
         time.sleep(DEVICE_POLL)
 
 
-def _leave(node: CellNode | None, executor: Any) -> None:
+def _leave(node: CellNode | None, executor: Executor | None) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not cut the way to safe short
     faulthandler.dump_traceback_later(CLOSING_S, file=STDERR)
     try:

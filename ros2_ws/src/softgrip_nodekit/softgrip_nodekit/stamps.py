@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Between builtin_interfaces/Time and plain numbers."""
 
-from builtin_interfaces.msg import Time
+from __future__ import annotations
+
+from builtin_interfaces.msg import Duration, Time
 
 from softgrip_time.units import NANOSECONDS, to_s
 
 
-def seconds(stamp: Time) -> float:
-    """Return a stamp as seconds [s] since its clock's epoch."""
+def seconds(stamp: Time | Duration) -> float:
+    """Return a stamp as seconds [s] since its clock's epoch, or a duration as seconds [s]."""
     return float(stamp.sec + to_s(stamp.nanosec))
 
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rclpy.node import Node
 
@@ -13,8 +13,14 @@ from softgrip_nodekit.cell_time import steady_timer, time_waits_for
 from softgrip_nodekit.isolated import IsolatedNode
 from softgrip_nodekit.standstill import LOOK_PERIOD_S, Standstill
 
+if TYPE_CHECKING:
+    from softgrip_nodekit.node_io import ServiceType
 
-class UrgentServer:
+Request = TypeVar("Request")
+Response = TypeVar("Response")
+
+
+class UrgentServer(Generic[Request, Response]):
     """Serve a service from a context, session, node, queue and thread of its own.
 
     Nothing that the node's executor does delays it: the node is called ``<name>_urgent``, lives in the same namespace
@@ -37,9 +43,9 @@ class UrgentServer:
     def __init__(
         self,
         node: Node,
-        srv_type: Any,
+        srv_type: ServiceType[Request, Response],
         name: str,
-        callback: Callable[[Any, Any], Any],
+        callback: Callable[[Request, Response], Response],
         on_standstill: Callable[[float], None] = lambda _: None,
     ) -> None:
         self._node = node
@@ -52,7 +58,7 @@ class UrgentServer:
         steady_timer(self._isolated.node, LOOK_PERIOD_S, self._look)
         self._isolated.start()
 
-    def _serve(self, request: Any, response: Any) -> Any:
+    def _serve(self, request: Request, response: Response) -> Response:
         try:
             return self._callback(request, response)
         except Exception as error:  # noqa: BLE001  whoever asked must hear that it failed

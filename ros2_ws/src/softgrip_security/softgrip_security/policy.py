@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -123,7 +122,7 @@ def read_policy(path: Path = SHIPPED, namespace: str = "/") -> Policy:
 class _Reader:
     """Turns the document into a policy; each method checks what it reads."""
 
-    def __init__(self, document: Any, namespace: str) -> None:
+    def __init__(self, document: object, namespace: str) -> None:
         self._document = _mapping(document, "the file", ("version", "withheld", "groups", "nodes", "tools"))
         if self._document.get("version") != _VERSION:
             raise SecurityError(f"version: expected {_VERSION}, found {self._document.get('version')!r}")
@@ -146,7 +145,7 @@ class _Reader:
         open_topics = [topic for topic in published if topic not in withheld]
         return Policy(tuple(_with_published(one, open_topics) for one in found), self._namespace)
 
-    def _identity(self, name: Any, body: Any, *, is_tool: bool) -> PolicyIdentity:
+    def _identity(self, name: object, body: object, *, is_tool: bool) -> PolicyIdentity:
         if not isinstance(name, str) or not _IDENTITY.fullmatch(name):
             raise SecurityError(f"identity: expected a name of a-z, 0-9 and _, found {name!r}")
         body = _mapping(body, name, ("groups", "named", *Grant))
@@ -161,7 +160,7 @@ class _Reader:
         }
         return PolicyIdentity(name, (*own, *named), full, is_tool)
 
-    def _grants(self, body: Mapping[str, Any], where: str, inside: tuple[str, ...]) -> dict[Grant, list[str]]:
+    def _grants(self, body: Mapping[str, object], where: str, inside: tuple[str, ...]) -> dict[Grant, list[str]]:
         """Return what a body and its groups grant, as written."""
         found = {grant: _names(body.get(grant, []), f"{where}: {grant}") for grant in Grant}
         for group in _strings(body.get("groups", []), f"{where}: groups"):
@@ -189,7 +188,7 @@ class _Reader:
         return name if name.startswith("/") else f"{self._namespace.rstrip('/')}/{name}"
 
 
-def _node_names(name: Any, body: Any) -> list[str]:
+def _node_names(name: object, body: object) -> list[str]:
     """Return the names of an identity's nodes that are known in full."""
     named = body.get("named", []) if isinstance(body, dict) else []
     return [str(name), *(str(one) for one in named if not str(one).endswith("*"))]
@@ -214,7 +213,7 @@ def _sorted(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(set(names)))
 
 
-def _mapping(value: Any, where: str, keys: Iterable[str] | None = None) -> Mapping[str, Any]:
+def _mapping(value: object, where: str, keys: Iterable[str] | None = None) -> Mapping[str, object]:
     if not isinstance(value, dict):
         raise SecurityError(f"{where}: expected a mapping, found {type(value).__name__}")
     if keys is not None and (unknown := set(value) - set(keys)):
@@ -222,13 +221,13 @@ def _mapping(value: Any, where: str, keys: Iterable[str] | None = None) -> Mappi
     return value
 
 
-def _strings(value: Any, where: str) -> list[str]:
+def _strings(value: object, where: str) -> list[str]:
     if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
         raise SecurityError(f"{where}: expected a list of names, found {value!r}")
     return list(value)
 
 
-def _names(value: Any, where: str) -> list[str]:
+def _names(value: object, where: str) -> list[str]:
     names = _strings(value, where)
     for name in names:
         plain = name.removeprefix(f"{_NODE}/")

@@ -51,9 +51,9 @@ class _Rules:
         return [rule["id"] for rule in self.rules]
 
 
-def access_control(policy: Policy) -> dict[str, Any]:
+def access_control(policy: Policy) -> dict[str, object]:
     """Return Zenoh's ``access_control`` of a policy: deny, except what the policy grants."""
-    rules: list[dict[str, Any]] = []
+    rules: list[dict[str, object]] = []
     policies = []
     subjects = []
     for name, enclave, found in [
@@ -138,7 +138,7 @@ def _mangle(name: str) -> str:
     return name.replace("/", "%")
 
 
-def session_config(policy: Policy, enclave: Path, hosts: Iterable[str] = ("localhost",)) -> dict[str, Any]:
+def session_config(policy: Policy, enclave: Path, hosts: Iterable[str] = ("localhost",)) -> dict[str, object]:
     """Return the configuration of a session, for ZENOH_SESSION_CONFIG_URI.
 
     Args:
@@ -170,7 +170,7 @@ def session_config(policy: Policy, enclave: Path, hosts: Iterable[str] = ("local
     }
 
 
-def router_config(policy: Policy, enclave: Path, hosts: Iterable[str] = ("localhost",)) -> dict[str, Any]:
+def router_config(policy: Policy, enclave: Path, hosts: Iterable[str] = ("localhost",)) -> dict[str, object]:
     """Return the configuration of the router, for ZENOH_ROUTER_CONFIG_URI; the arguments are those of a session."""
     router, *_ = hosts
     return {
@@ -195,8 +195,8 @@ def router_config(policy: Policy, enclave: Path, hosts: Iterable[str] = ("localh
     }
 
 
-def _common(policy: Policy, enclave: Path) -> dict[str, Any]:
-    tls: Mapping[str, Any] = {
+def _common(policy: Policy, enclave: Path) -> dict[str, object]:
+    tls: Mapping[str, object] = {
         "root_ca_certificate": str(enclave / "identity_ca.cert.pem"),
         "listen_private_key": str(enclave / "key.pem"),
         "listen_certificate": str(enclave / "cert.pem"),

@@ -103,7 +103,7 @@ def decode(data: bytes) -> Packet:
         ((name, values),) = json.loads(data).items()
         kind = _KINDS[name]
         fields = {field: _checked(values[field], annotation) for field, annotation in _FIELDS[name].items()}
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (ValueError, OverflowError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(
             f"lock-step: expected a packet of {', '.join(_KINDS)} with its fields, found {data[:80]!r}"
         ) from error

@@ -35,7 +35,14 @@ def test_a_packet_without_one_of_its_fields_or_with_another_type_is_refused(pack
 
 
 @pytest.mark.parametrize(
-    "text", ['{"Progress":{"time_s":NaN}}', '{"Progress":{"time_s":Infinity}}', '{"Bye":{}}', "[]"]
+    "text",
+    [
+        '{"Progress":{"time_s":NaN}}',
+        '{"Progress":{"time_s":Infinity}}',
+        '{"Progress":{"time_s":1%s}}' % ("0" * 400),
+        '{"Bye":{}}',
+        "[]",
+    ],
 )
 def test_no_time_without_end_and_no_unknown_packet(text):
     with pytest.raises(ValueError, match="found"):

@@ -291,7 +291,7 @@ def _numbers(data: Any, what: str) -> Array:
     return values
 
 
-def _matrix(entry: Mapping[str, Any], what: str, shape: tuple[int, int]) -> Array:
+def _matrix(entry: Mapping[str, object], what: str, shape: tuple[int, int]) -> Array:
     values = _numbers(entry["data"], what)
     if values.size != shape[0] * shape[1]:
         raise CalibrationError(f"expected {shape[0]}x{shape[1]} numbers in {what}, found {values.size}")
@@ -333,7 +333,7 @@ def save(calibration: CameraCalibration, path: Path | str) -> None:
     write_durably(path, yaml.safe_dump(document, sort_keys=False).encode())
 
 
-def _entry(matrix: Array) -> dict[str, Any]:
+def _entry(matrix: Array) -> dict[str, object]:
     rows, cols = matrix.shape
     return {"rows": rows, "cols": cols, "data": [float(value) for value in matrix.ravel()]}
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import pyarrow as pa
 
@@ -51,7 +50,7 @@ def message_schema(type_name: str, definitions: Mapping[str, Definition]) -> pa.
     return pa.schema([*COMMON, *_fields(own, definitions)], metadata={"type": type_name})
 
 
-def message_row(message: Decoded) -> dict[str, Any]:
+def message_row(message: Decoded) -> dict[str, object]:
     """Return a message's values by column, without those of `COMMON`."""
     return dict(_values(message))
 
@@ -87,7 +86,7 @@ def _metadata(one: Field, *, unit: bool = True) -> dict[str, str]:
     return metadata | ({"comment": one.comment} if one.comment else {})
 
 
-def _values(message: Decoded) -> Iterator[tuple[str, Any]]:
+def _values(message: Decoded) -> Iterator[tuple[str, object]]:
     for one in message.definition.fields:
         value = message.values[one.name]
         if one.count is not None and one.type_name in _BYTES and not one.enumeration:
@@ -104,7 +103,7 @@ def _values(message: Decoded) -> Iterator[tuple[str, Any]]:
             )
 
 
-def _value(value: Any) -> Any:
+def _value(value: object) -> object:
     if not isinstance(value, Decoded):
         return value
     if value.definition.name in {_TIME, _DURATION}:

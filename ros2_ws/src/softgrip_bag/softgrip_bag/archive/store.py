@@ -74,7 +74,7 @@ class Archive:
         BagError: there is no such kind of place, or its library is not installed.
     """
 
-    def __init__(self, place: str, options: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, place: str, options: Mapping[str, object] | None = None) -> None:
         self.place = place
         try:
             self.files, self.root = fsspec.core.url_to_fs(place, **(options or {}))
@@ -203,15 +203,15 @@ def place_options(given: Iterable[str]) -> dict[str, str]:
     return {name: value for name, _, value in pairs}
 
 
-def _rows(bag: Path, topic: TopicSummary, digest: str) -> Iterator[dict[str, Any]]:
+def _rows(bag: Path, topic: TopicSummary, digest: str) -> Iterator[dict[str, object]]:
     definitions = parse_definitions(topic.type_name, topic.schema)
     for raw in read(bag, {topic.name}):
         common = {"bag": digest, "received": raw.received, "published": raw.published}
         yield common | message_row(decode(topic.type_name, definitions, raw.data))
 
 
-def _batches(rows: Iterator[dict[str, Any]]) -> Iterator[list[dict[str, Any]]]:
-    batch: list[dict[str, Any]] = []
+def _batches(rows: Iterator[dict[str, object]]) -> Iterator[list[dict[str, object]]]:
+    batch: list[dict[str, object]] = []
     for row in rows:
         batch.append(row)
         if len(batch) == ROWS:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 
@@ -87,7 +86,7 @@ def story_tables(bag: Path, digest: str, story: Story) -> dict[str, pa.Table]:
     """
     found = statistics(bag)
     end_ns = found.start + to_ns(found.duration)
-    rows: dict[str, Iterable[Mapping[str, Any]]] = {
+    rows: dict[str, Iterable[Mapping[str, object]]] = {
         "bags": [_bag_row(bag, found)],
         "grasps": [_grasp_row(grasp, story.modes) for grasp in story.grasps],
         "closings": [
@@ -121,7 +120,7 @@ def story_tables(bag: Path, digest: str, story: Story) -> dict[str, pa.Table]:
     }
 
 
-def _bag_row(bag: Path, found: BagStatistics) -> dict[str, Any]:
+def _bag_row(bag: Path, found: BagStatistics) -> dict[str, object]:
     dropped = sum(int(count) for count in facts(bag).get("softgrip_dropped", {}).values())
     return {
         "name": bag.name,
@@ -132,7 +131,7 @@ def _bag_row(bag: Path, found: BagStatistics) -> dict[str, Any]:
     }
 
 
-def _grasp_row(grasp: RecordedGrasp, modes: Sequence[RecordedMode]) -> dict[str, Any]:
+def _grasp_row(grasp: RecordedGrasp, modes: Sequence[RecordedMode]) -> dict[str, object]:
     mounted = [mode.finger_set for mode in modes if mode.time <= grasp.time]
     return {
         "stamp": grasp.time,
@@ -146,14 +145,14 @@ def _grasp_row(grasp: RecordedGrasp, modes: Sequence[RecordedMode]) -> dict[str,
     }
 
 
-def _decision(evidence: str) -> dict[str, Any]:
+def _decision(evidence: str) -> dict[str, object]:
     if not evidence:
         return {}
     found = json.loads(evidence)
     return {"decided": found["stamp_ns"] or None, "phase": found["phase"], "evidence": found["fingers"]}
 
 
-def _mode_rows(modes: Sequence[RecordedMode], end_ns: int) -> list[dict[str, Any]]:
+def _mode_rows(modes: Sequence[RecordedMode], end_ns: int) -> list[dict[str, object]]:
     ends = [*[mode.time for mode in modes[1:]], end_ns][: len(modes)]
     return [
         {
@@ -168,7 +167,7 @@ def _mode_rows(modes: Sequence[RecordedMode], end_ns: int) -> list[dict[str, Any
     ]
 
 
-def _latency_row(link: Link) -> dict[str, Any]:
+def _latency_row(link: Link) -> dict[str, object]:
     names = ("p50", "p95", "p99")
     return {
         "source": link.source,

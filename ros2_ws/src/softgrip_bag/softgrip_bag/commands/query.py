@@ -65,7 +65,7 @@ def _list(questions: Mapping[str, str]) -> int:
     return 0
 
 
-def _show(options: argparse.Namespace, names: list[str], rows: list[tuple[Any, ...]]) -> None:
+def _show(options: argparse.Namespace, names: list[str], rows: list[tuple[object, ...]]) -> None:
     if options.csv:
         writer = csv.writer(sys.stdout)
         writer.writerow(names)
@@ -83,7 +83,7 @@ def _show(options: argparse.Namespace, names: list[str], rows: list[tuple[Any, .
         Console().print(table)
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     if value is None:
         return ""
     return f"{value:.{_DIGITS}g}" if isinstance(value, float) else escape(str(value))

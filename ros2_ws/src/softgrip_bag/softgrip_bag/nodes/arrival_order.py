@@ -14,7 +14,6 @@ import itertools
 from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 from rclpy.serialization import deserialize_message, serialize_message
 
@@ -156,7 +155,7 @@ def _configurations(bag: RecordedBag, topic: str) -> dict[int, tuple[str, ...]]:
     return {stamp_of(message): _configuration(message) for message in messages}
 
 
-def _configuration(message: Any) -> tuple[str, ...]:
+def _configuration(message: object) -> tuple[str, ...]:
     return tuple(getattr(message, name) for name in CONFIGURATION_FIELDS if hasattr(message, name))
 
 

@@ -10,7 +10,6 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -95,7 +94,7 @@ class _Reader:
         # of each residual by its stamp: pulled length [m] at that instant, tip error [%]
         self.residuals: dict[str, dict[int, tuple[float, float]]] = defaultdict(dict)
 
-    def read_message(self, raw: RawMessage, message: Any) -> None:
+    def read_message(self, raw: RawMessage, message: object) -> None:
         name = raw.topic.removeprefix(self._cell).strip("/").replace("/", "_")
         getattr(self, f"_{name}")(raw.received, message)
 
@@ -275,7 +274,7 @@ def _evidence(decision: GraspEvidence) -> str:
     return json.dumps({"stamp_ns": nanoseconds(decision.stamp), "phase": phase, "fingers": fingers})
 
 
-def _constant(kind: Any, value: int, names: set[str] | None = None) -> str:
+def _constant(kind: type[object], value: int, names: set[str] | None = None) -> str:
     """Return the name of a message's constant."""
     for name in dir(kind):
         if name.isupper() and getattr(kind, name) == value and (names is None or name in names):

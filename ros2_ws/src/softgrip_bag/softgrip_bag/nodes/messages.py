@@ -70,7 +70,7 @@ def stamp_of(message: Any) -> int:
     return nanoseconds(message.header.stamp)
 
 
-def stamp_in(data: bytes, kind: Any) -> int:
+def stamp_in(data: bytes, kind: object) -> int:
     """Return header.stamp [ns] of a message in the wire's form; where the header comes first nothing else is read."""
     if not _begins_with_header(kind):
         return stamp_of(deserialize_message(data, kind))
@@ -83,7 +83,7 @@ def _begins_with_header(kind: Any) -> bool:
     return next(iter(kind.get_fields_and_field_types().items()), None) == ("header", "std_msgs/Header")
 
 
-def tree(message: Any) -> Any:
+def tree(message: object) -> Any:
     """Return a message as nested dicts and lists of plain values."""
     if hasattr(message, "get_fields_and_field_types"):
         return {name: tree(getattr(message, name)) for name in message.get_fields_and_field_types()}
@@ -94,7 +94,7 @@ def tree(message: Any) -> Any:
     return message
 
 
-def flat(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+def flat(value: object, path: str = "") -> Iterator[tuple[str, object]]:
     """Yield (column, value) of every leaf of a tree: ``fingers.0.tip.x``."""
     if isinstance(value, Mapping):
         for name, item in value.items():

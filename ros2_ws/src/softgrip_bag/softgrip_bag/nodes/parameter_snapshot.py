@@ -13,9 +13,9 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.msg import Parameter, ParameterEvent
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -26,6 +26,13 @@ from softgrip_bag.context import FILE_PARAMETERS, parameter_attachment, paramete
 from softgrip_bag.errors import BagError
 from softgrip_bag.mcap_file import Attachment
 from softgrip_bag.redaction import redact, redact_value
+
+if TYPE_CHECKING:
+    from rclpy.client import Client
+    from rclpy.task import Future
+
+    _ListClient = Client[ListParameters.Request, ListParameters.Response]
+    _GetClient = Client[GetParameters.Request, GetParameters.Response]
 
 PARAMETER_EVENT = "rcl_interfaces/msg/ParameterEvent"
 #: [s] a node that has not answered until then is asked again.
@@ -108,7 +115,7 @@ class ParameterSnapshot:
         self._files = FileReader(roots, found)
         self._asked: dict[str, float] = {}
         self._answered: set[str] = set()
-        self._clients: dict[str, tuple[Any, Any]] = {}
+        self._clients: dict[str, tuple[_ListClient, _GetClient]] = {}
         self._missing: dict[tuple[str, str, str], str] = {}
         self._refused: dict[str, str] = {}
         self._tried = 0.0
@@ -148,7 +155,7 @@ class ParameterSnapshot:
                 self._refuse(full, f"expected a node's name, found {full!r:.100}; its parameters are not carried")
         self._look_at_files()
 
-    def add_own(self, values: dict[str, Any]) -> None:
+    def add_own(self, values: dict[str, object]) -> None:
         """Take this node's own parameters."""
         self._take(self._node.get_fully_qualified_name(), values)
 
@@ -178,14 +185,14 @@ class ParameterSnapshot:
         self._clients[full] = (made[0], made[1])
         return True
 
-    def _on_names(self, full: str, done: Any) -> None:
+    def _on_names(self, full: str, done: Future[ListParameters.Response]) -> None:
         if done.exception() is not None or full not in self._clients:
             return
         names = list(done.result().result.names)
         future = self._clients[full][1].call_async(GetParameters.Request(names=names))
         future.add_done_callback(lambda answer: self._on_values(full, names, answer))
 
-    def _on_values(self, full: str, names: list[str], done: Any) -> None:
+    def _on_values(self, full: str, names: list[str], done: Future[GetParameters.Response]) -> None:
         if done.exception() is not None or full in self._answered:
             return
         values = [parameter_value_to_python(value) for value in done.result().values]
@@ -243,7 +250,7 @@ def without_secrets(data: bytes) -> bytes:
     return bytes(serialize_message(event)) if any(hidden) else data
 
 
-def _redact(parameter: Any) -> bool:
+def _redact(parameter: Parameter) -> bool:
     value = parameter.value
     text = redact_value(parameter.name, value.string_value)
     texts = redact_value(parameter.name, list(value.string_array_value))

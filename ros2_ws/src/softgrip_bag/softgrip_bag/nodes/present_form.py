@@ -74,7 +74,7 @@ def _fill(message: Any, old: Decoded) -> None:
         setattr(message, name, _as_field(getattr(message, name), value))
 
 
-def _by_name(kind: Any, definition: Definition, names: Collection[str], value: int | str) -> int:
+def _by_name(kind: type[object], definition: Definition, names: Collection[str], value: int | str) -> int:
     """Return today's number of the name that a number had then, or of a name; 0, which is unset, where it had none."""
     if isinstance(value, str):
         found = value.upper() if value.upper() in names else UNSET
@@ -91,7 +91,7 @@ def _filled(kind: str, old: Decoded) -> Any:
     return element
 
 
-def _as_field(present: Any, value: Any) -> Any:
+def _as_field(present: object, value: object) -> object:
     """Return a value as the field wants it: one byte for `byte`, what is there already decides for arrays."""
     if isinstance(present, bytes) and isinstance(value, int):
         return bytes([value])

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
@@ -33,7 +32,7 @@ def matching(qos: Sequence[OfferedQos], depth: int) -> QoSProfile:
     )
 
 
-def recorded(qos: Sequence[Mapping[str, Any]]) -> QoSProfile:
+def recorded(qos: Sequence[Mapping[str, object]]) -> QoSProfile:
     """Return the QoS to play a topic with: what its first publisher offered, as the bag stores it."""
     offer = OfferedQos.from_map(qos[0]) if qos else OfferedQos()
     return QoSProfile(

@@ -11,9 +11,9 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.episode import Episode, StampedSeries, TendonCommand, commanded
@@ -121,7 +121,7 @@ def _grasps(bag: RecordedBag, topics: _Topics) -> Iterator[_Span]:
 
 def _grasps_of(bag: RecordedBag, steps: Sequence[TraceStep], topics: _Topics) -> Iterator[_Span]:
     product, begun_ns = "", 0
-    moves: list[tuple[int, Any]] = []
+    moves: list[tuple[int, MoveTendon.Goal]] = []
     for step in steps:
         name = step.name.replace(f" {bag.cell}/", " /", 1)
         if name == "goal /cell/grasp":
@@ -142,7 +142,7 @@ def _demonstrations(bag: RecordedBag, topics: _Topics) -> Iterator[_Span]:
     """Yield what people showed: from the first frame of a demonstration to the one that ends it."""
     if bag.cell + _TELEOPERATION not in bag.types:
         return
-    frames: list[Any] = []
+    frames: list[TeleoperationState] = []
     for raw in bag.read({bag.cell + _TELEOPERATION}):
         frame = deserialize_message(raw.data, TeleoperationState)
         if frames and (frame.episode, frame.phase) != (frames[0].episode, TeleoperationState.RUNNING):
@@ -154,7 +154,7 @@ def _demonstrations(bag: RecordedBag, topics: _Topics) -> Iterator[_Span]:
         yield _demonstration(frames, None, topics)
 
 
-def _demonstration(frames: Sequence[Any], last: Any | None, topics: _Topics) -> _Span:
+def _demonstration(frames: Sequence[TeleoperationState], last: TeleoperationState | None, topics: _Topics) -> _Span:
     """Return a demonstration from its running frames and the one that ended it, None where the bag ends before."""
     first, end = frames[0], last or frames[-1]
     outcome = _OUTCOMES.get(end.phase, "ABORTED") if last is not None else "ABORTED"
@@ -218,7 +218,7 @@ def _series(found: Sequence[tuple[int, list[float]]]) -> StampedSeries:
     return StampedSeries(tuple(stamp for stamp, _ in rows), table)
 
 
-def _images(found: Sequence[tuple[int, bytes]], times_ns: Sequence[int]) -> tuple[tuple[bytes, ...], Any]:
+def _images(found: Sequence[tuple[int, bytes]], times_ns: Sequence[int]) -> tuple[tuple[bytes, ...], NDArray[np.int64]]:
     """Return the last image at or before each time; before the first one, that one with its later stamp."""
     if not found:
         return (), np.zeros(0, np.int64)
@@ -228,7 +228,7 @@ def _images(found: Sequence[tuple[int, bytes]], times_ns: Sequence[int]) -> tupl
     return tuple(data for _, data in chosen), np.array([stamp for stamp, _ in chosen], np.int64)
 
 
-def _commands(moves: Sequence[tuple[int, Any]], tendons: Sequence[str]) -> list[TendonCommand]:
+def _commands(moves: Sequence[tuple[int, MoveTendon.Goal]], tendons: Sequence[str]) -> list[TendonCommand]:
     """Return the moves tendon by tendon; without a length (NaN) where a move goes to a tension."""
     made = []
     for time_ns, goal in moves:

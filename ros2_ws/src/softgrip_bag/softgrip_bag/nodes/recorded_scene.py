@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from geometry_msgs.msg import Transform as TransformMessage
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.digest import digest
@@ -18,6 +20,7 @@ from softgrip_bag.nodes.messages import message_class, stamp_of
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 from softgrip_bag.reader import attachments, bag_digest
 from softgrip_bag.scene import Curve, FingerBase, FingerPosture, RecordedScene, SceneEvent, finger_points
+from softgrip_interfaces.msg import FingerStates, PredictionResidual, TeleoperationState
 from softgrip_model.profile import Profile, ProfileError, load_directory, loads, shipped_directory
 
 _STATE, _PREDICTED, _MEASURED = "/tendon/state", "/finger/predicted", "/finger/measured"
@@ -73,13 +76,13 @@ class _SceneReader:
             times_ns, values = np.array([row[0] for row in rows], np.int64), np.array([row[1] for row in rows])
             self._scene.curves.append(Curve(path, unit, times_ns, values))
 
-    def _take_state(self, message: Any) -> None:
+    def _take_state(self, message: JointState) -> None:
         stamp = stamp_of(message)
         for name, length_m, tension_n in zip(message.name, message.position, message.effort, strict=False):
             self._curves[f"pulled_length/{name}", "mm"].append((stamp, 1e3 * length_m))
             self._curves[f"tension/{name}", "N"].append((stamp, tension_n))
 
-    def _take_fingers(self, source: str, message: Any) -> None:
+    def _take_fingers(self, source: str, message: FingerStates) -> None:
         stamp = stamp_of(message)
         for finger in message.fingers:
             poses = self._scene.poses.setdefault((source, finger.finger), [])
@@ -99,7 +102,7 @@ class _SceneReader:
             self._bases[finger] = FingerBase(np.array([0.0, 0.0, _APART_M * len(self._bases)]), np.eye(3))
         return self._bases[finger]
 
-    def _take_residual(self, message: Any) -> None:
+    def _take_residual(self, message: PredictionResidual) -> None:
         stamp = stamp_of(message)
         self._curves[f"tip_error/{message.finger}", "%"].append((stamp, float(message.tip_error_percent)))
         verdict = next((name for name in _VERDICTS if getattr(message, name) == message.verdict), "")
@@ -108,7 +111,7 @@ class _SceneReader:
             self._scene.events.append(SceneEvent(stamp, level, f"{message.finger}: {verdict}: {message.reason}"))
         self._verdicts[message.finger] = verdict or self._verdicts.get(message.finger, "OK")
 
-    def _take_hand(self, message: Any) -> None:
+    def _take_hand(self, message: TeleoperationState) -> None:
         stamp = stamp_of(message)
         for name, deflection in zip(message.tendons, message.deflections, strict=False):
             if np.isfinite(deflection):
@@ -194,7 +197,7 @@ def _pose(frame: str, parents: dict[str, Transform]) -> NDArray[np.float64]:
     return pose
 
 
-def _matrix(transform: Any) -> NDArray[np.float64]:
+def _matrix(transform: TransformMessage) -> NDArray[np.float64]:
     """Return a geometry_msgs/Transform as (4, 4)."""
     q, t = transform.rotation, transform.translation
     x, y, z, w = np.array([q.x, q.y, q.z, q.w]) / (np.linalg.norm([q.x, q.y, q.z, q.w]) or 1.0)

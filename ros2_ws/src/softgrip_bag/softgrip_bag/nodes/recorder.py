@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -55,6 +55,9 @@ from softgrip_nodekit import (
     with_message_info,
 )
 from softgrip_time.units import to_ns, to_s
+
+if TYPE_CHECKING:
+    from rclpy.subscription import MessageInfo
 
 PARAMETERS = ParameterTable(
     Parameter("root", "out/bags", "folder that all bags asked for by services are below"),
@@ -101,7 +104,7 @@ _SHOWN = 10
 _LATE = 2.0
 
 
-_OnMessage = Callable[[bytes, dict[str, Any]], None]
+_OnMessage = Callable[[bytes, "MessageInfo"], None]
 
 
 def _diagnosed(message: DiagnosticArray) -> dict[str, str]:
@@ -138,7 +141,7 @@ class Recorder(CellNode):
         self._lost_before: Counter[str] = Counter()
         self._behind = 0.0  # [s] the latest message since the last report
         self._drain: Drain | None = None
-        self._drained: Future = Future()
+        self._drained: Future[None] = Future()
         self._facts = {"softgrip_machine": machine(), "softgrip_software": software()}
         self._carried: dict[str, Attachment] = {}
         self._topics: dict[str, Topic] = {}
@@ -455,7 +458,7 @@ class Recorder(CellNode):
         faults = _FAULTS.get(type_name)
         single = len(publishers) == 1
 
-        def on_message(data: bytes, info: dict[str, Any]) -> None:
+        def on_message(data: bytes, info: MessageInfo) -> None:
             received = self._now() if simulated else info["received_timestamp"] or time.time_ns()
             published = info["source_timestamp"] or received
             if clamp_stamp(published) != published:
@@ -481,18 +484,18 @@ class Recorder(CellNode):
         callback = self._own_only(name, type_name, cls, on_message)
         self.create_subscription(cls, name, with_message_info(callback), qos, raw=True)
 
-    def _own_only(self, name: str, type_name: str, cls: Any, on_message: _OnMessage) -> _OnMessage:
+    def _own_only(self, name: str, type_name: str, cls: type[object], on_message: _OnMessage) -> _OnMessage:
         """Return the callback, for a topic of all cells one that drops the messages of the others."""
         if is_below(name, self._cell):
             return on_message
 
-        def on_shared(data: bytes, info: dict[str, Any]) -> None:
+        def on_shared(data: bytes, info: MessageInfo) -> None:
             if self._is_own(name, type_name, data, cls):
                 on_message(data, info)
 
         return on_shared
 
-    def _is_own(self, name: str, type_name: str, data: bytes, cls: Any) -> bool:
+    def _is_own(self, name: str, type_name: str, data: bytes, cls: type[object]) -> bool:
         """Return whether a message on a topic of all cells comes from this one."""
         try:
             return is_of_cell(type_name, deserialize_message(data, cls), self._cell)
@@ -500,7 +503,7 @@ class Recorder(CellNode):
             self._malformed[name] += 1
             return False
 
-    def _watch_faults(self, name: str, faults: Callable[[Any], dict[str, str]], data: bytes, cls: Any) -> None:
+    def _watch_faults(self, name: str, faults: Callable[[Any], dict[str, str]], data: bytes, cls: type[object]) -> None:
         try:
             found = faults(deserialize_message(data, cls))
         except Exception:  # noqa: BLE001  each middleware has its own for bytes that are no such message

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 
 from softgrip_bag.comparison import NOT_COMPARED, Divergence, ReplayResult, first_difference
@@ -193,7 +194,7 @@ def _check_run(
     io: list[ReplayIo] = []
     node: ReplayedNode | None = None
 
-    def make(node: Any) -> RecordingIo:
+    def make(node: Node) -> RecordingIo:
         io.append(ReplayIo(node, log, TracedMessages(recording, steps)))
         return RecordingIo(node, io[0], log)
 
@@ -236,7 +237,7 @@ def _compare(recording: RecordedBag, fed: Fed, tolerance: float) -> ReplayResult
     return ReplayResult(compared, None, without_input)
 
 
-def _difference(raw: RawMessage, data: bytes | None, tolerance: float) -> tuple[str, Any, Any] | None:
+def _difference(raw: RawMessage, data: bytes | None, tolerance: float) -> tuple[str, object, object] | None:
     if data is None:
         return "(message)", "published", "not published"
     if data == raw.data:

@@ -26,7 +26,7 @@ class Output:
     """What a node published, in the wire's form: float32 fields are only there what they were recorded as."""
 
     topic: str
-    kind: Any
+    kind: type[object]
     data: bytes
 
     @property
@@ -59,7 +59,7 @@ class _CapturingPublisher:
         self.topic_name = topic
         self._sink = sink
 
-    def publish(self, message: Any) -> None:
+    def publish(self, message: object) -> None:
         self._sink.append(Output(self.topic_name, type(message), bytes(serialize_message(message))))
 
     def get_subscription_count(self) -> int:
@@ -98,7 +98,7 @@ class ReplayedNode:
                 topics.add(name)
                 return _CapturingPublisher(name, sink)
 
-            def create_timer(self, *_: Any, **__: Any) -> Any:
+            def create_timer(self, *_: object, **__: object) -> _StoppedTimer:
                 return _StoppedTimer()
 
         self.node = Captured(**options)

@@ -9,18 +9,27 @@ trace when the bag was recorded.
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine, Generator, Sequence
-from types import SimpleNamespace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
 from softgrip_bag.comparison import Divergence, first_difference
 from softgrip_bag.nodes.messages import tree
 from softgrip_bag.nodes.trace import TracedMessages, TraceStep
-from softgrip_nodekit import NodeIo
+from softgrip_nodekit import GoalClient, NodeIo, ServiceClient
+from softgrip_nodekit.errors import SuccessResponseT
 from softgrip_nodekit.node_io import NUMBER_BYTES, Answer, Cancel, Execute, as_bytes
+
+T = TypeVar("T")
+Request = TypeVar("Request")
+Response = TypeVar("Response")
+Goal = TypeVar("Goal")
+Result = TypeVar("Result")
+Feedback = TypeVar("Feedback")
 
 _UUID_BYTES = 16
 
@@ -82,7 +91,7 @@ class TraceComparison:
         """Begin the recorded step."""
         self._now = self._next_named(name)
 
-    def record_output(self, name: str, message: Any) -> None:
+    def record_output(self, name: str, message: object) -> None:
         """Compare what leaves with what left then; the end of the trace cuts a step short."""
         if self.is_over:
             return
@@ -100,7 +109,7 @@ class TraceComparison:
         """Return what the node found then."""
         return b"\0" if self.is_over else self._next_named(name).data
 
-    def diverged(self, field: str, recorded: Any, replayed: Any, name: str = "") -> Diverged:
+    def diverged(self, field: str, recorded: object, replayed: object, name: str = "") -> Diverged:
         """Return what to raise where the node left the trace."""
         step = self._steps[min(self._at, len(self._steps) - 1)]
         where = f"{self._name} step {step.number} ({name or self._now.name})"
@@ -127,9 +136,9 @@ class ReplayIo(NodeIo):
         super().__init__(node)
         self._log = log
         self._messages = messages
-        self._entries: dict[str, Callable[[TraceStep], None]] = {}
-        self._tasks: list[Callable[[], Any]] = []
-        self._waiting: dict[str, Coroutine[Any, Any, Any]] = {}
+        self._entries: dict[str, Callable[[TraceStep], object]] = {}
+        self._tasks: list[Callable[[], object]] = []
+        self._waiting: dict[str, Coroutine[Any, Any, object]] = {}
         self._answers: dict[str, Callable[[bytes], None]] = {}
         self._sent = 0
 
@@ -153,12 +162,12 @@ class ReplayIo(NodeIo):
         for coroutine in self._waiting.values():
             coroutine.close()
 
-    def create_subscription(self, kind: Any, topic: str, callback: Callable[[Any], None], qos: Any) -> None:  # noqa: ARG002
+    def create_subscription(self, kind: type[T], topic: str, callback: Callable[[T], None], qos: QoSProfile) -> None:  # noqa: ARG002
         """Note who gets a topic's messages."""
         name = self._node.resolve_topic_name(topic)
         self._entries[f"topic {name}"] = lambda step: callback(self._messages.get(step, name))
 
-    def create_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+    def create_service(self, kind: Any, name: str, callback: Callable[[Request, Response], Response]) -> None:
         """Note who answers requests."""
 
         def requested(step: TraceStep) -> None:
@@ -166,7 +175,12 @@ class ReplayIo(NodeIo):
 
         self._entries[f"request {self._node.resolve_service_name(name)}"] = requested
 
-    def create_order_service(self, kind: Any, name: str, callback: Callable[[Any, Any], Any]) -> None:
+    def create_order_service(
+        self,
+        kind: Any,
+        name: str,
+        callback: Callable[[Request, SuccessResponseT], SuccessResponseT],
+    ) -> None:
         """Note who answers requests; those that were too old are in no trace."""
         self.create_service(kind, name, callback)
 
@@ -174,10 +188,16 @@ class ReplayIo(NodeIo):
         """Note who is called by time."""
         self._entries["timer"] = lambda _: callback()
 
-    def create_action_server(self, kind: Any, name: str, execute: Execute, cancel: Cancel) -> None:
+    def create_action_server(
+        self,
+        kind: Any,
+        name: str,
+        execute: Execute[Goal, Feedback, Result],
+        cancel: Cancel[Goal, Feedback],
+    ) -> None:
         """Note who gets goals."""
         full = self._node.resolve_service_name(name)
-        goals: dict[bytes, _ReplayedGoal] = {}
+        goals: dict[bytes, _ReplayedGoal[Goal]] = {}
 
         def accepted(step: TraceStep) -> None:
             key = step.data[:_UUID_BYTES]
@@ -190,48 +210,26 @@ class ReplayIo(NodeIo):
         self._entries[f"goal {full}"] = accepted
         self._entries[f"cancel {full}"] = cancelled
 
-    def create_client(self, kind: Any, name: str) -> Any:
+    def create_client(self, kind: Any, name: str) -> ServiceClient[Any, Any]:
         """Return what answers with the recorded responses."""
-        full = self._node.resolve_service_name(name)
+        return _ReplayedClient(self, kind.Response, self._node.resolve_service_name(name))
 
-        def response(data: bytes) -> Any:
-            return deserialize_message(data, kind.Response) if data else None
-
-        return SimpleNamespace(call_async=lambda _: self._answer(f"response {full}", self._next_number(), response))
-
-    def create_action_client(self, kind: Any, name: str) -> Any:
+    def create_action_client(self, kind: Any, name: str) -> GoalClient[Any, Any]:
         """Return what answers with the recorded results."""
-        full = self._node.resolve_service_name(name)
+        return _ReplayedActionClient(self, kind.Result, self._node.resolve_service_name(name))
 
-        def send_goal_async(_: Any) -> Answer:
-            number = self._next_number()
-
-            def result(data: bytes) -> Any:
-                return SimpleNamespace(result=deserialize_message(data, kind.Result))
-
-            def taken(data: bytes) -> Any:
-                return SimpleNamespace(
-                    accepted=data == b"\1",
-                    cancel_goal_async=lambda: None,
-                    get_result_async=lambda: self._answer(f"result {full}", number, result),
-                )
-
-            return self._answer(f"taken {full}", number, taken)
-
-        return SimpleNamespace(send_goal_async=send_goal_async)
-
-    def create_task(self, work: Callable[..., Any], *arguments: Any) -> None:
+    def create_task(self, work: Callable[..., object], *arguments: object) -> None:
         """Note what is to be done in a step of its own."""
         self._tasks.append(lambda: work(*arguments))
         self._entries["later"] = lambda _: self._tasks.pop(0)()
 
-    async def wait_for(self, name: str, future: Future) -> Any:
+    async def wait_for(self, name: str, future: Future[T]) -> T:
         """Wait until the step that follows the wait comes."""
         while not future.done():
             await _Pause(name)
         return future.result()
 
-    def _advance(self, coroutine: Any) -> None:
+    def _advance(self, coroutine: Coroutine[Any, Any, object]) -> None:
         """Run a coroutine to its end or its next wait."""
         try:
             name = coroutine.send(None)
@@ -241,17 +239,18 @@ class ReplayIo(NodeIo):
         self._waiting[entry] = coroutine
         self._entries[entry] = lambda _: self._advance(self._resumed(entry))
 
-    def _resumed(self, entry: str) -> Any:
+    def _resumed(self, entry: str) -> Coroutine[Any, Any, object]:
         self._entries.pop(entry)
         return self._waiting.pop(entry)
 
-    def _next_number(self) -> int:
+    def next_number(self) -> int:
+        """Return the number of what is sent, to tell its answer by."""
         self._sent += 1
         return self._sent
 
-    def _answer(self, name: str, number: int, read: Callable[[bytes], Any]) -> Answer:
+    def expect_answer(self, name: str, number: int, read: Callable[[bytes], T]) -> Answer[T]:
         """Return what is answered when the step ``name`` with this number comes."""
-        answer = Answer()
+        answer: Answer[T] = Answer()
 
         def due(step: TraceStep) -> None:
             key = f"{name} {int.from_bytes(step.data[:NUMBER_BYTES], 'little')}"
@@ -264,6 +263,73 @@ class ReplayIo(NodeIo):
         return answer
 
 
+class _ReplayedClient(Generic[Response]):
+    """A client of a service that the trace serves."""
+
+    def __init__(self, io: ReplayIo, kind: type[Response], name: str) -> None:
+        self._io = io
+        self._kind = kind
+        self._name = name
+
+    def service_is_ready(self) -> bool:
+        """Say yes; the log says what was found then."""
+        return True
+
+    def call_async(self, _request: object) -> Answer[Response | None]:
+        return self._io.expect_answer(f"response {self._name}", self._io.next_number(), self._read)
+
+    def _read(self, data: bytes) -> Response | None:
+        return deserialize_message(data, self._kind) if data else None
+
+
+class _ReplayedActionClient(Generic[Result]):
+    """A client of an action that the trace serves."""
+
+    def __init__(self, io: ReplayIo, kind: type[Result], name: str) -> None:
+        self._io = io
+        self._kind = kind
+        self._name = name
+
+    def server_is_ready(self) -> bool:
+        """Say yes; the log says what was found then."""
+        return True
+
+    def send_goal_async(self, _goal: object) -> Answer[_ReplayedSentGoal[Result]]:
+        number = self._io.next_number()
+
+        def taken(data: bytes) -> _ReplayedSentGoal[Result]:
+            return _ReplayedSentGoal(self._io, self._kind, self._name, number, accepted=data == b"\1")
+
+        return self._io.expect_answer(f"taken {self._name}", number, taken)
+
+
+class _ReplayedSentGoal(Generic[Result]):
+    """A goal that a server of the trace has accepted or refused."""
+
+    def __init__(self, io: ReplayIo, kind: type[Result], name: str, number: int, *, accepted: bool) -> None:
+        self._io = io
+        self._kind = kind
+        self._name = name
+        self._number = number
+        self.accepted = accepted
+
+    def cancel_goal_async(self) -> None:
+        """Nobody listens; the log compares."""
+
+    def get_result_async(self) -> Answer[_ReplayedResult[Result]]:
+        return self._io.expect_answer(f"result {self._name}", self._number, self._read)
+
+    def _read(self, data: bytes) -> _ReplayedResult[Result]:
+        return _ReplayedResult(deserialize_message(data, self._kind))
+
+
+@dataclass(frozen=True)
+class _ReplayedResult(Generic[Result]):
+    """How a goal ended, as the trace has it."""
+
+    result: Result
+
+
 class _Pause:
     """Gives control back once, with the name of the wait: rclpy's Future may be awaited once only."""
 
@@ -274,15 +340,22 @@ class _Pause:
         yield self._name
 
 
-class _ReplayedGoal:
+@dataclass(frozen=True)
+class _ReplayedGoalId:
+    """The identity of a goal, as the trace has it."""
+
+    uuid: bytes
+
+
+class _ReplayedGoal(Generic[Goal]):
     """rclpy's handle of a goal whose client is the trace."""
 
-    def __init__(self, key: bytes, request: Any) -> None:
-        self.goal_id = SimpleNamespace(uuid=key)
+    def __init__(self, key: bytes, request: Goal) -> None:
+        self.goal_id = _ReplayedGoalId(key)
         self.request = request
         self.is_cancel_requested = False  # the log's handle says what a step has said
 
-    def publish_feedback(self, feedback: Any) -> None:
+    def publish_feedback(self, feedback: object) -> None:
         """Nobody listens; the log compares."""
 
     def succeed(self) -> None:

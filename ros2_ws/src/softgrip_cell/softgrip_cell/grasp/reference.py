@@ -83,7 +83,7 @@ class FreeReference:
             return np.zeros(1)
         return np.asarray(np.gradient(np.asarray(self.tension_n), np.asarray(self.pulled_length_m)), dtype=np.float64)
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> dict[str, object]:
         """Return plain data for storage."""
         return {
             "pulled_length_m": list(self.pulled_length_m),
@@ -95,7 +95,7 @@ class FreeReference:
         }
 
     @staticmethod
-    def from_document(document: Mapping[str, Any]) -> FreeReference:
+    def from_document(document: Mapping[str, object]) -> FreeReference:
         """Read what document() wrote, also under its former names."""
         present: dict[str, Any] = with_present_names(dict(document))
         return FreeReference(

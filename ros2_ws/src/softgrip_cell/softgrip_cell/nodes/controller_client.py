@@ -18,12 +18,11 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import rclpy
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
-from rclpy.action.client import ClientGoalHandle
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 from std_srvs.srv import Trigger
@@ -34,12 +33,29 @@ from softgrip_cell.nodes.convert import GRASP_PHASES, swap_step
 from softgrip_cell.swap.sequence import HANDS_OUT, HANDS_OUT_TEXT
 from softgrip_interfaces.action import Grasp, SwapFingers
 from softgrip_interfaces.srv import ConfirmStep, PlanMix, SelectProduct
+from softgrip_nodekit.errors import SuccessResponseT
+
+if TYPE_CHECKING:
+    from rclpy.client import Client
+    from rclpy.task import Future
+    from rclpy.type_support import FeedbackMessage
+
+T = TypeVar("T")
+Goal = TypeVar("Goal")
+Result = TypeVar("Result")
+Feedback = TypeVar("Feedback")
+Request = TypeVar("Request")
 
 #: What the operator answers to a step: the serials read on the fingers where the step asks for them, else nothing.
 Confirm = Callable[[str, str], Sequence[str]]
 
-#: Waits until a future is done and returns its result: (future, timeout [s], what is expected).
-Wait = Callable[[Any, float, str], Any]
+
+class Wait(Protocol):
+    """Waits until a future is done and returns its result."""
+
+    def __call__(self, future: Future[T], timeout_s: float, expected: str, /) -> T:
+        """Wait; the error says that nothing of what was expected came in time."""
+
 
 #: Names of the outcomes of cell/grasp, by number.
 GRASP_OUTCOMES = {
@@ -54,6 +70,10 @@ _PHASES = {number: phase for phase, number in GRASP_PHASES.items()}
 
 class CellTimeout(CellError):  # noqa: N818  reads as what it is
     """The cell did not answer in time."""
+
+
+def _nothing() -> object:
+    """Cancel nothing."""
 
 
 class CellController:
@@ -71,21 +91,23 @@ class CellController:
         self._plan = node.create_client(PlanMix, "cell/plan_mix")
         self._confirm = node.create_client(ConfirmStep, "cell/confirm_step")
         self._release = node.create_client(Trigger, "tendon/release")
-        self._swap = ActionClient(node, SwapFingers, "cell/swap")
-        self._grasp = ActionClient(node, Grasp, "cell/grasp")
+        self._swap: ActionClient[SwapFingers.Goal, SwapFingers.Result, SwapFingers.Feedback] = ActionClient(
+            node, SwapFingers, "cell/swap"
+        )
+        self._grasp: ActionClient[Grasp.Goal, Grasp.Result, Grasp.Feedback] = ActionClient(node, Grasp, "cell/grasp")
         self._token = ""  # of the last swap
-        self._acting: ClientGoalHandle | None = None
+        self._cancel: Callable[[], object] = _nothing  # what the action that goes on is cancelled with
 
-    def select(self, product: str) -> Any:
-        """Ask how a product is to be grasped; returns SelectProduct.Response.
+    def select(self, product: str) -> SelectProduct.Response:
+        """Ask how a product is to be grasped.
 
         Raises:
             RefusedError: the cell does not know or hold it.
         """
         return self._call(self._select, SelectProduct.Request(product=product))
 
-    def plan(self, products: Sequence[str], quantities: Sequence[int], *, keep_order: bool = False) -> Any:
-        """Ask for the sequence with the fewest swaps; returns PlanMix.Response.
+    def plan(self, products: Sequence[str], quantities: Sequence[int], *, keep_order: bool = False) -> PlanMix.Response:
+        """Ask for the sequence with the fewest swaps.
 
         Raises:
             RefusedError: an order cannot be served.
@@ -93,7 +115,9 @@ class CellController:
         request = PlanMix.Request(products=list(products), quantities=list(quantities), keep_order=keep_order)
         return self._call(self._plan, request)
 
-    def swap(self, finger_set: str, confirm: Confirm, serials: Sequence[str] = (), timeout_s: float = 330.0) -> Any:
+    def swap(
+        self, finger_set: str, confirm: Confirm, serials: Sequence[str] = (), timeout_s: float = 330.0
+    ) -> SwapFingers.Result:
         """Order a swap of fingers, and their check.
 
         Args:
@@ -104,14 +128,14 @@ class CellController:
             timeout_s: longest wait for the whole swap [s].
 
         Returns:
-            SwapFingers.Result; look at its outcome.
+            what came of it; look at its outcome.
 
         Raises:
             RefusedError: by the cell; or of ``confirm``: the swap is cancelled, and what unlocks the drives is said.
         """
         refused: list[RefusedError] = []
 
-        def on_feedback(message: Any) -> None:
+        def on_feedback(message: FeedbackMessage[SwapFingers.Feedback]) -> None:
             feedback = message.feedback
             self._token = feedback.token
             if feedback.confirmation and not refused:
@@ -152,7 +176,7 @@ class CellController:
         trial: bool = False,
         on_phase: Callable[[GraspPhase], None] | None = None,
         timeout_s: float = 60.0,
-    ) -> Any:
+    ) -> Grasp.Result:
         """Order a grasp.
 
         Args:
@@ -163,11 +187,11 @@ class CellController:
             timeout_s: longest wait [s].
 
         Returns:
-            Grasp.Result; look at its outcome (names in GRASP_OUTCOMES).
+            what came of it; look at its outcome (names in GRASP_OUTCOMES).
         """
         given: list[GraspPhase] = []
 
-        def on_feedback(message: Any) -> None:
+        def on_feedback(message: FeedbackMessage[Grasp.Feedback]) -> None:
             phase = _PHASES.get(message.feedback.phase, GraspPhase.DONE)
             if on_phase is not None and phase not in given:
                 given.append(phase)
@@ -184,12 +208,14 @@ class CellController:
         """
         self._call(self._release, Trigger.Request(), timeout_s)
 
-    def _log_refusal(self, future: Any) -> None:
+    def _log_refusal(self, future: Future[ConfirmStep.Response]) -> None:
         response = future.result()
         if response is not None and not response.success:
             self._node.get_logger().error(f"cell/confirm_step refused: {response.message}")
 
-    def _call(self, client: Any, request: Any, timeout_s: float = 10.0) -> Any:
+    def _call(
+        self, client: Client[Request, SuccessResponseT], request: Request, timeout_s: float = 10.0
+    ) -> SuccessResponseT:
         if not client.wait_for_service(timeout_sec=timeout_s):
             raise CellTimeout(f"expected service {client.srv_name} within {timeout_s:g} s, found none; is the cell up?")
         response = self._wait(client.call_async(request), timeout_s, f"an answer of {client.srv_name}")
@@ -197,26 +223,22 @@ class CellController:
             raise RefusedError(f"{client.srv_name}: {response.message}")
         return response
 
-    def _cancel(self) -> None:
-        if self._acting is not None:
-            self._acting.cancel_goal_async()
-
     def _act(
         self,
-        client: Any,
+        client: ActionClient[Goal, Result, Feedback],
         name: str,
-        goal: Any,
-        on_feedback: Callable[[Any], None],
+        goal: Goal,
+        on_feedback: Callable[[FeedbackMessage[Feedback]], None],
         timeout_s: float,
         given_up: Callable[[], bool] = lambda: False,
-    ) -> Any:
-        self._acting = None
+    ) -> Result:
+        self._cancel = _nothing
         if not client.wait_for_server(timeout_sec=10.0):
             raise CellTimeout(f"expected action {name} within 10 s, found none; is the cell up?")
         handle = self._wait(client.send_goal_async(goal, feedback_callback=on_feedback), 10.0, f"{name} to take a goal")
         if not handle.accepted:
             raise RefusedError(f"{name} rejected the goal")
-        self._acting = handle
+        self._cancel = handle.cancel_goal_async
         if given_up():  # by feedback that was here before the answer
             self._cancel()
         try:
@@ -228,7 +250,7 @@ class CellController:
             raise CellTimeout(f"{name} ended with status {answer.status}; the manager may have gone away")
         return answer.result
 
-    def _spin(self, future: Any, timeout_s: float, expected: str) -> Any:
+    def _spin(self, future: Future[T], timeout_s: float, expected: str, /) -> T:
         rclpy.spin_until_future_complete(self._node, future, timeout_sec=timeout_s)
         if not future.done():
             raise CellTimeout(f"expected {expected} within {timeout_s:g} s, found nothing")

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
@@ -268,7 +267,7 @@ def product_entry(product: Product, estimates: Mapping[str, SuccessEstimate]) ->
     )
 
 
-def finger_record_entry(record: FingerRecord, check: Any | None) -> FingerRecordEntry:
+def finger_record_entry(record: FingerRecord, check: Mapping[str, object] | None) -> FingerRecordEntry:
     """Return a finger record as a message; ``check`` is the document of its last check, None before the first."""
     reference = None if check is None else FreeReference.from_document(check)
     return FingerRecordEntry(
@@ -376,7 +375,7 @@ def swap_result(
     )
 
 
-def cell_state(stamp: Time, mode: int, slots: Sequence[MountedSlot], numbers: Mapping[str, Any]) -> CellState:
+def cell_state(stamp: Time, mode: int, slots: Sequence[MountedSlot], numbers: Mapping[str, object]) -> CellState:
     """Return the cell's state as a message; ``numbers`` holds its remaining fields by name."""
     message = CellState(mode=mode, mounted=mounted_fingers(slots), **numbers)
     message.header.stamp = stamp

@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
 
 from softgrip_interfaces.srv import AcquireLock, ReleaseLock
-from softgrip_nodekit import NodeIo
+from softgrip_nodekit import NodeIo, PendingResult, ServiceClient
+
+Request = TypeVar("Request")
+Response = TypeVar("Response")
 
 #: Called with whether it was done (None: nobody answered, it may or may not have been), and the token or the words.
 Answered = Callable[[bool | None, str], None]
@@ -34,7 +37,7 @@ class DriveLock:
         """Switch the torque off and have every motion refused; answers with the token that ends it."""
         request = AcquireLock.Request(owner=f"{self._owner}: {reason}", reason=reason)
 
-        def responded(response: Any) -> None:
+        def responded(response: AcquireLock.Response) -> None:
             if response.token and not response.success:  # locked, but some torque could not be switched off
                 self._release.call_async(ReleaseLock.Request(token=response.token, reason="not safe"))
             answered(bool(response.success), str(response.token if response.success else response.message))
@@ -52,8 +55,13 @@ class DriveLock:
         self._call(self._acquire, request, lambda r: answered(bool(r.success), str(r.message)), answered)
 
     @staticmethod
-    def _call(client: Any, request: Any, responded: Callable[[Any], None], answered: Answered) -> None:
-        def on_response(future: Any) -> None:
+    def _call(
+        client: ServiceClient[Request, Response],
+        request: Request,
+        responded: Callable[[Response], None],
+        answered: Answered,
+    ) -> None:
+        def on_response(future: PendingResult[Response | None]) -> None:
             response = future.result()
             if response is None:
                 answered(None, "the driver went away before it answered")

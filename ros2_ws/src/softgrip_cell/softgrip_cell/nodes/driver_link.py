@@ -5,14 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from std_srvs.srv import Trigger
 
 from softgrip_cell.grasp.commands import Close, Command, Open, Press
 from softgrip_cell.nodes.tendon_lease import TendonLease
 from softgrip_interfaces.action import MoveTendon
-from softgrip_nodekit import NodeIo, to_time_message
+from softgrip_nodekit import GoalResult, NodeIo, PendingResult, SentGoal, ServiceClient, to_time_message
 from softgrip_time.units import to_ns
 
 Answered = Callable[[bool, str], None]
@@ -41,7 +40,7 @@ class _Movement:
 
     tendons: frozenset[str]
     ended: Ended
-    handle: Any = None
+    handle: SentGoal[MoveTendon.Result] | None = None
     stopped: bool = False
     replaced: bool = False
 
@@ -154,12 +153,12 @@ class DriverLink:
             deadline=to_time_message(self._node_io.now_ns() + to_ns(self._limits.order_s)),
         )
 
-        def on_result(future: Any) -> None:
+        def on_result(future: PendingResult[GoalResult[MoveTendon.Result]]) -> None:
             result = future.result().result
             pulled_length_m = dict(zip(result.tendons, result.pulled_lengths, strict=False))
             self._finish(movement, MoveEnd(result.outcome, result.reason, pulled_length_m))
 
-        def on_goal(future: Any) -> None:
+        def on_goal(future: PendingResult[SentGoal[MoveTendon.Result]]) -> None:
             handle = future.result()
             if not handle.accepted:
                 why = "tendon/move rejected the goal; see the driver's log"
@@ -197,8 +196,8 @@ class DriverLink:
         self._trigger(self._home, answered)
 
     @staticmethod
-    def _trigger(client: Any, answered: Answered) -> None:
-        def on_response(future: Any) -> None:
+    def _trigger(client: ServiceClient[Trigger.Request, Trigger.Response], answered: Answered) -> None:
+        def on_response(future: PendingResult[Trigger.Response | None]) -> None:
             response = future.result()
             if response is None:
                 answered(False, "the driver went away before it answered")

@@ -17,7 +17,7 @@ from softgrip_cell.cell import Cell, CellMode, Clocks
 from softgrip_cell.errors import CellError, OccupiedError, SchemaError, StorageError
 from softgrip_cell.finger_records import SHIPPED as SHIPPED_FINGER_RECORDS
 from softgrip_cell.finger_records import read_finger_records
-from softgrip_cell.gates import DriverFacts, FrictionLimits
+from softgrip_cell.gates import DriverFacts, FrictionFacts, FrictionLimits
 from softgrip_cell.grasp.settings import GraspSettings
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.drive_lock import DriveLock
@@ -93,7 +93,7 @@ class GraspMixManager(CellNode):
         self._next_retry_s = 0.0
         self._friction: FrictionModel | None = None
         self._order = ObservationOrder(values["allowed_lateness_s"])
-        self._published: Any = None
+        self._published: tuple[object, ...] | None = None
         self._diagnostics = Diagnostics(self, watch_nodes=True)
         with startup_errors(CellError):
             self._database = Database(values["database_url"], exclusive=True, deferred=True)
@@ -177,7 +177,7 @@ class GraspMixManager(CellNode):
         if saved:
             self._database.load(saved)
 
-    def _friction_facts(self) -> Any:
+    def _friction_facts(self) -> FrictionFacts | None:
         if self._friction is None:
             return None
         return convert.friction_facts(self._friction, self._node_io.now_ns())
@@ -308,7 +308,8 @@ class GraspMixManager(CellNode):
         if self._cell.lock is not None and not self._swap.active:
             health = max(health, Health.WARN)
         state = self._cell.state()
-        self._diagnostics.set("cell", health, state["fault"] or state["reason"] or mode.name.lower(), state)
+        text = str(state["fault"] or state["reason"] or mode.name.lower())
+        self._diagnostics.set("cell", health, text, state)
 
     def _on_select(self, request: SelectProduct.Request, response: SelectProduct.Response) -> SelectProduct.Response:
         try:

@@ -20,6 +20,8 @@ from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, Tendon
 from softgrip_interfaces.action import Grasp, MoveTendon
 from softgrip_nodekit import GoalHandle, NodeIo
 
+_Handle = GoalHandle[Grasp.Goal, Grasp.Feedback]
+
 
 class GraspServer:
     """One grasp at a time, decided in the subscription callbacks that feed it."""
@@ -30,8 +32,8 @@ class GraspServer:
         self._driver = driver
         self._settings = settings
         self._sequence: GraspSequence | None = None
-        self._goal: GoalHandle | None = None
-        self._done: Future | None = None
+        self._goal: _Handle | None = None
+        self._done: Future[GraspVerdict] | None = None
         self._sample: TendonSample | None = None
         self._is_active = False
         self._step = GraspStep(GraspPhase.DONE)
@@ -77,7 +79,7 @@ class GraspServer:
         if self._sequence is not None:
             self._do(self._sequence.abort(reason))
 
-    async def _execute(self, goal_handle: GoalHandle) -> Grasp.Result:
+    async def _execute(self, goal_handle: _Handle) -> Grasp.Result:
         request = goal_handle.request
         started_s = self._cell.now_s()
         try:
@@ -94,7 +96,7 @@ class GraspServer:
         self._done = Future()
         self._sequence = GraspSequence(task, self._settings)
         self._do(self._sequence.start())
-        verdict: GraspVerdict = await self._node_io.wait_for("grasp", self._done)
+        verdict = await self._node_io.wait_for("grasp", self._done)
         duration_s = self._cell.now_s() - started_s
         if goal_handle.is_cancel_requested:
             goal_handle.canceled()
@@ -114,23 +116,23 @@ class GraspServer:
         finally:
             self._is_active = False
 
-    async def _owned(self, goal_handle: GoalHandle) -> str:
+    async def _owned(self, goal_handle: _Handle) -> str:
         """Become the owner of the tendons; returns why not."""
-        owned = Future()
+        owned: Future[str] = Future()
         self._driver.lease.acquire(owned.set_result)
-        denied: str = await self._node_io.wait_for("lease", owned)
+        denied = await self._node_io.wait_for("lease", owned)
         if goal_handle.is_cancel_requested:
             return "cancelled by the client before anything moved"
         return f"refused: {denied}" if denied else ""
 
-    def _refused(self, goal_handle: GoalHandle, reason: str) -> Grasp.Result:
+    def _refused(self, goal_handle: _Handle, reason: str) -> Grasp.Result:
         if goal_handle.is_cancel_requested:
             goal_handle.canceled()
         else:
             goal_handle.abort()
         return convert.grasp_result(GraspVerdict(GraspOutcome.ABORTED, reason, 0.0), self._sample, 0.0)
 
-    def _cancel(self, _goal_handle: GoalHandle) -> CancelResponse:
+    def _cancel(self, _goal_handle: _Handle) -> CancelResponse:
         self._node_io.create_task(self.abort, "cancelled by the client; the fingers stay where they are")
         return CancelResponse.ACCEPT
 

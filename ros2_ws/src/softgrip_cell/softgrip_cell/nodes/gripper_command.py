@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from control_msgs.action import GripperCommand, ParallelGripperCommand
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -50,6 +50,12 @@ from softgrip_nodekit import (
     steady_timer,
 )
 from softgrip_time.units import to_s
+
+_CommandHandle = GoalHandle[GripperCommand.Goal, GripperCommand.Feedback]
+_ParallelHandle = GoalHandle[ParallelGripperCommand.Goal, ParallelGripperCommand.Feedback]
+#: Publishes on a goal how far it is.
+_FeedbackSender = Callable[[GripperSample], None]
+_Result = TypeVar("_Result", GripperCommand.Result, ParallelGripperCommand.Result)
 
 #: Who the driver names as the owner of the tendons.
 WHO = "gripper_command"
@@ -143,7 +149,7 @@ class GripperCommandNode(CellNode):
         self.create_subscription(TendonOwners, "tendon/owners", self._lease.observe_owners, LATCHED)
         self._feedback_at_s = 0.0
         self._order_guard = OrderGuard(self)
-        self._handles: list[Any] = []
+        self._senders: list[_FeedbackSender] = []
         ActionServer(
             self,
             GripperCommand,
@@ -243,7 +249,7 @@ class GripperCommandNode(CellNode):
         self._server.observe(gripper)
         self._publish_feedback(gripper)
 
-    def _check(self, read: Any) -> GoalResponse:
+    def _check(self, read: Callable[[], GripperGoal]) -> GoalResponse:
         """Accept a goal that can be done; the log says what was wrong with another one."""
         try:
             goal = read()
@@ -272,28 +278,34 @@ class GripperCommandNode(CellNode):
         closes = goal.position_m < self._server.sample.position_m - self._settings.goal_tolerance_m
         return str(self._cell.product) if closes and self._cell.mode == int(CellMode.IDLE) else ""
 
-    async def _run_command(self, handle: GoalHandle) -> GripperCommand.Result:
-        outcome = await self._run(handle, _goal_of(handle.request))
+    async def _run_command(self, handle: _CommandHandle) -> GripperCommand.Result:
+        def send(sample: GripperSample) -> None:
+            handle.publish_feedback(GripperCommand.Feedback(position=sample.position_m, effort=sample.effort_n))
+
+        outcome = await self._run(_goal_of(handle.request), send)
         result = GripperCommand.Result()
         if outcome.sample is not None and not handle.is_cancel_requested:
             result.position, result.effort = outcome.sample.position_m, outcome.sample.effort_n
         return self._ended(handle, outcome, result)
 
-    async def _run_parallel(self, handle: GoalHandle) -> ParallelGripperCommand.Result:
-        outcome = await self._run(handle, _parallel_goal_of(handle.request))
+    async def _run_parallel(self, handle: _ParallelHandle) -> ParallelGripperCommand.Result:
+        def send(sample: GripperSample) -> None:
+            handle.publish_feedback(ParallelGripperCommand.Feedback(state=self._state_of(sample)))
+
+        outcome = await self._run(_parallel_goal_of(handle.request), send)
         result = ParallelGripperCommand.Result()
         if outcome.sample is not None and not handle.is_cancel_requested:
             result.state = self._state_of(outcome.sample)
         return self._ended(handle, outcome, result)
 
-    async def _run(self, handle: GoalHandle, goal: GripperGoal) -> GoalOutcome:
-        self._handles.append(handle)
+    async def _run(self, goal: GripperGoal, send: _FeedbackSender) -> GoalOutcome:
+        self._senders.append(send)
         try:
             return await self._server.run(goal)
         finally:
-            self._handles.remove(handle)
+            self._senders.remove(send)
 
-    def _ended(self, handle: GoalHandle, outcome: GoalOutcome, result: Any) -> Any:
+    def _ended(self, handle: _CommandHandle | _ParallelHandle, outcome: GoalOutcome, result: _Result) -> _Result:
         """Set flags and state as ros2_controllers do; see softgrip_cell.gripper.goal_monitor."""
         if handle.is_cancel_requested:
             handle.canceled()
@@ -311,17 +323,13 @@ class GripperCommandNode(CellNode):
         return JointState(name=[self._values["joint_name"]], position=[sample.position_m], effort=[sample.effort_n])
 
     def _publish_feedback(self, sample: GripperSample) -> None:
-        if not self._handles or sample.time_s - self._feedback_at_s < FEEDBACK_S:
+        if not self._senders or sample.time_s - self._feedback_at_s < FEEDBACK_S:
             return
         self._feedback_at_s = sample.time_s
-        for handle in self._handles:
-            if isinstance(handle.request, GripperCommand.Goal):
-                feedback: Any = GripperCommand.Feedback(position=sample.position_m, effort=sample.effort_n)
-            else:
-                feedback = ParallelGripperCommand.Feedback(state=self._state_of(sample))
-            handle.publish_feedback(feedback)
+        for send in self._senders:
+            send(sample)
 
-    def _cancel(self, _handle: GoalHandle) -> CancelResponse:
+    def _cancel(self, _handle: object) -> CancelResponse:
         self._io.create_task(self._server.hold, "cancelled by the client; the fingers stay where they are")
         return CancelResponse.ACCEPT
 
@@ -382,11 +390,11 @@ class GripperCommandNode(CellNode):
             self._lease.release()
 
 
-def _goal_of(request: Any) -> GripperGoal:
+def _goal_of(request: GripperCommand.Goal) -> GripperGoal:
     return GripperGoal(request.command.position, request.command.max_effort)
 
 
-def _parallel_goal_of(request: Any) -> GripperGoal:
+def _parallel_goal_of(request: ParallelGripperCommand.Goal) -> GripperGoal:
     return parallel_goal(request.command.position, request.command.velocity, request.command.effort)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from rclpy.task import Future
 
@@ -14,7 +14,7 @@ from softgrip_cell.gripper.goal_monitor import GoalEnd, GoalMonitor, GoalSetting
 from softgrip_cell.gripper.orders import GripperGoal, TendonOrder
 from softgrip_cell.nodes.driver_link import DriverLink, Ended, MoveEnd
 from softgrip_interfaces.action import Grasp
-from softgrip_nodekit import NodeIo
+from softgrip_nodekit import GoalResult, NodeIo, PendingResult, SentGoal
 
 #: The driver's movement is over, and not because of anything that the goal has to know.
 _GRASP_ENDS: Final = {Grasp.Result.GRIPPED: GoalEnd.STALLED, Grasp.Result.EMPTY: GoalEnd.REACHED}
@@ -42,9 +42,9 @@ class GoalOutcome:
 @dataclass(eq=False)
 class _RunningGoal:
     goal: GripperGoal
-    done: Future
+    done: Future[GoalOutcome]
     monitor: GoalMonitor | None = None
-    grasp: Any = None  # the goal sent to cell/grasp
+    grasp: SentGoal[Grasp.Result] | None = None  # the goal sent to cell/grasp
 
     def finish(self, outcome: GoalOutcome) -> None:
         if not self.done.done():
@@ -92,7 +92,7 @@ class GripperServer:
             self._start_grasp(running, product)
         else:
             self._own_and_move(running)
-        outcome: GoalOutcome = await running.done
+        outcome = await running.done
         if self._running is running:
             self._running = None
         return outcome
@@ -149,12 +149,12 @@ class GripperServer:
             self._fail(running, f"the driver did not move: {end.reason}")
 
     def _start_grasp(self, running: _RunningGoal, product: str) -> None:
-        def ended(future: Any) -> None:
+        def ended(future: PendingResult[GoalResult[Grasp.Result]]) -> None:
             result = future.result().result
             end = _GRASP_ENDS.get(result.outcome)
             running.finish(GoalOutcome(end, result.reason, self.sample))
 
-        def on_goal(future: Any) -> None:
+        def on_goal(future: PendingResult[SentGoal[Grasp.Result]]) -> None:
             sent = future.result()
             if not sent.accepted:
                 self._fail(running, "cell/grasp rejected the goal; see the manager's log")

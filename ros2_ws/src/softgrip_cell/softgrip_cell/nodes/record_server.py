@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final, TypeVar
 
 from softgrip_cell.cell import Cell
 from softgrip_cell.errors import CellError, RefusedError
@@ -12,6 +12,9 @@ from softgrip_cell.nodes import convert
 from softgrip_cell.storage import CellJournal, Library
 from softgrip_interfaces.srv import ListFingers, ListGrasps, ListProducts, RetireFinger, WriteAudit
 from softgrip_nodekit import NodeIo, answer
+from softgrip_nodekit.errors import SuccessResponseT
+
+Request = TypeVar("Request")
 
 #: So many grasps are listed where nobody says how many, and at most.
 LISTED: Final = 100
@@ -77,6 +80,8 @@ class RecordServer:
         return "written"
 
 
-def _answering(act: Callable[[Any, Any], str]) -> Callable[[Any, Any], Any]:
+def _answering(
+    act: Callable[[Request, SuccessResponseT], str],
+) -> Callable[[Request, SuccessResponseT], SuccessResponseT]:
     """Return a service's callback that says why where it refuses."""
     return lambda request, response: answer(response, lambda: act(request, response), CellError)

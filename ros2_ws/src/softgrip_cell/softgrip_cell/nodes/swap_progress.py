@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import SupportsIndex
 
 from softgrip_cell.cell import Cell
 from softgrip_cell.nodes import convert
@@ -31,7 +31,7 @@ class SwapProgressLog:
         self._progress = SwapProgress()
         self._was_published = False
 
-    def publish_start(self, goal_id: Any, finger_set: str) -> None:
+    def publish_start(self, goal_id: Iterable[SupportsIndex], finger_set: str) -> None:
         """Publish that a swap begins.
 
         Args:

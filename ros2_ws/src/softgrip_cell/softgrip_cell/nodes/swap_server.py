@@ -8,8 +8,8 @@ every motion refused. A swap that ends meanwhile leaves them locked until a pers
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, TypeVar
 
 from rclpy.action import CancelResponse
 from rclpy.task import Future
@@ -19,7 +19,7 @@ from softgrip_cell.errors import CellError, RefusedError
 from softgrip_cell.gates import SafetyFacts
 from softgrip_cell.nodes import convert
 from softgrip_cell.nodes.drive_lock import DriveLock
-from softgrip_cell.nodes.driver_link import DriverLink, MoveEnd
+from softgrip_cell.nodes.driver_link import Answered, DriverLink, MoveEnd
 from softgrip_cell.nodes.swap_progress import SwapProgressLog
 from softgrip_cell.observation import ObservedPair, SeenTip, TendonFault, TendonSample
 from softgrip_cell.storage.journal import HeldLock, SwapOutcome
@@ -35,6 +35,9 @@ from softgrip_cell.swap.sequence import (
 from softgrip_interfaces.action import SwapFingers
 from softgrip_interfaces.srv import ConfirmStep
 from softgrip_nodekit import GoalHandle, NodeIo, answer
+
+T = TypeVar("T")
+_Handle = GoalHandle[SwapFingers.Goal, SwapFingers.Feedback]
 
 #: A tendon with less tension than this may be unhooked [N].
 SLACK_N: Final = 2.0
@@ -92,16 +95,16 @@ class SwapServer:
         self._slots = tuple(slots)
         self._limit_s = limit_s
         self._sequence: SwapSequence | None = None
-        self._goal: GoalHandle | None = None
+        self._goal: _Handle | None = None
         self._token = ""  # of the running swap, for cell/confirm_step
-        self._waiting = Future()
+        self._waiting: Future[Any] = Future()
         self._ended: SwapEnded | None = None
         self._closing: EmptyClosing | None = None
         self._started_s = 0.0
-        self._slack: Future | None = None  # waits for slack tendons
+        self._slack: Future[None] | None = None  # waits for slack tendons
         self._slack_until_s = 0.0
         self._slack_said = ""
-        self._given_back: tuple[Future, float] | None = None
+        self._given_back: tuple[Future[None], float] | None = None
         self._lock_stands = False  # the driver has said so since it was taken, or since safety/state said otherwise
         self._next_ask_s = 0.0
         self._tension_n: tuple[float, ...] = ()
@@ -118,7 +121,7 @@ class SwapServer:
         self._tension_n = sample.tension_n
         if self._slack is not None and not self._taut():
             slack, self._slack = self._slack, None
-            _resolve(slack)
+            _resolve(slack, None)
 
     def observe(self, pair: ObservedPair) -> None:
         """Take a tendon sample with its prediction."""
@@ -166,12 +169,12 @@ class SwapServer:
             taut = ", ".join(self._taut()) or "(none seen since)"
             self._interrupt(SwapOutcome.FAILED, f"tendon/release: {self._slack_said}; tendons {taut} are taut")
         if self._given_back is not None and now_s > self._given_back[1]:
-            _resolve(self._given_back[0])
+            _resolve(self._given_back[0], None)
         if self._cell.lock is not None and not self._lock_stands and now_s >= self._next_ask_s and self._lock.ready():
             self._next_ask_s = now_s + ASK_S
             self._lock.ask(self._cell.lock.token, self._on_lock_asked)
 
-    async def _execute(self, goal_handle: GoalHandle) -> SwapFingers.Result:
+    async def _execute(self, goal_handle: _Handle) -> SwapFingers.Result:
         request = goal_handle.request
         try:
             sequence = self._cell.begin_swap(request.finger_set, list(request.serials))
@@ -262,7 +265,7 @@ class SwapServer:
 
     async def _moved(self, target_m: float, speed_m_per_s: float) -> Mapping[str, float]:
         """Move all tendons; return where each was in the end [m]."""
-        done = Future()
+        done: Future[Mapping[str, float]] = Future()
 
         def ended(end: MoveEnd) -> None:
             if end.is_good:
@@ -272,12 +275,11 @@ class SwapServer:
 
         targets_m = [target_m] * len(self._slots)
         self._driver.move(self._slots, targets_m, speed_m_per_s, self._settings.tension_limit_n, ended)
-        pulled_length_m: Mapping[str, float] = await self._wait(done)
-        return pulled_length_m
+        return await self._wait(done)
 
     async def _owned(self) -> None:
         """Become the owner of the tendons; the driver's words say whose they are."""
-        done = Future()
+        done: Future[str] = Future()
         self._driver.lease.acquire(lambda why_not: _resolve(done, why_not))
         why_not = await self._wait(done)
         if why_not:
@@ -285,7 +287,7 @@ class SwapServer:
 
     async def _slackened(self) -> None:
         """Release the tendons, and wait until they are slack; where the driver releases none they have to be so."""
-        slack = Future()
+        slack: Future[None] = Future()
 
         def answered(success: bool, message: str) -> None:
             self._slack, self._slack_said = slack, "done" if success else message
@@ -302,7 +304,7 @@ class SwapServer:
 
     async def _locked(self, sequence: SwapSequence) -> str:
         """Lock the drives; returns the token."""
-        done = Future()
+        done: Future[str] = Future()
 
         def answered(success: bool | None, said: str) -> None:
             if not success:
@@ -316,16 +318,16 @@ class SwapServer:
         if not self._lock.ready():
             raise SwapEnded(SwapOutcome.FAILED, "expected services tendon/lock and tendon/unlock, found none")
         self._lock.lock(f"swap to '{sequence.finger_set.id}'", answered)
-        return str(await self._wait(done))
+        return await self._wait(done)
 
     async def _unlocked(self, token: str) -> None:
         """Unlock the drives: no hands are inside any more."""
-        done = Future()
+        done: Future[None] = Future()
 
         def answered(success: bool | None, said: str) -> None:
             if success:
                 self._cell.drop_lock()
-                _resolve(done)
+                _resolve(done, None)
             else:
                 self._lock_stands = False
                 self._interrupt(SwapOutcome.FAILED, f"tendon/unlock: {said}")
@@ -344,12 +346,12 @@ class SwapServer:
             self._cell.drop_lock(f"the lock of the drives is gone: {said}; run cell/swap when all hands are out")
             self._interrupt(SwapOutcome.FAILED, f"the lock of the drives is gone: {said}; take your hands out")
 
-    async def _answered(self, call: Any, name: str) -> None:
-        done = Future()
+    async def _answered(self, call: Callable[[Answered], None], name: str) -> None:
+        done: Future[None] = Future()
 
         def answered(success: bool, message: str) -> None:
             if success:
-                _resolve(done)
+                _resolve(done, None)
             else:
                 self._interrupt(SwapOutcome.FAILED, f"{name}: {message}")
 
@@ -358,11 +360,11 @@ class SwapServer:
 
     async def _give_back(self) -> None:
         """Order slack tendons, unless the drives are locked, and give them back to whoever comes next."""
-        done = Future()
+        done: Future[None] = Future()
         self._given_back = (done, self._cell.now_s() + GIVE_BACK_S)
 
         def give_back(*_: object) -> None:
-            self._driver.lease.release(lambda: _resolve(done))
+            self._driver.lease.release(lambda: _resolve(done, None))
 
         if self._cell.lock is None:
             self._driver.release(give_back)
@@ -371,7 +373,7 @@ class SwapServer:
         await self._node_io.wait_for("swap", done)
         self._given_back = None
 
-    async def _wait(self, future: Future) -> Any:
+    async def _wait(self, future: Future[T]) -> T:
         """Wait for what resolves the future, or for whoever interrupts the swap."""
         if self._ended is None:
             self._waiting = future
@@ -385,7 +387,7 @@ class SwapServer:
             self._driver.hold()
             self._slack = None
             self._ended = self._ended or SwapEnded(outcome, reason)
-            _resolve(self._waiting)
+            _resolve(self._waiting, None)
 
     def _tell(self, turn: SwapTransition) -> None:
         assert self._goal is not None
@@ -437,12 +439,12 @@ class SwapServer:
         self._lock.unlock(lock.token, "a person confirmed that hands are out", answered)
         return "the drives are being unlocked; run cell/swap before any grasp"
 
-    def _cancel(self, _goal_handle: GoalHandle) -> CancelResponse:
+    def _cancel(self, _goal_handle: _Handle) -> CancelResponse:
         self._node_io.create_task(self._interrupt, SwapOutcome.CANCELLED, "cancelled by the client")
         return CancelResponse.ACCEPT
 
 
-def _resolve(future: Future, result: Any = None) -> None:
+def _resolve(future: Future[T], result: T) -> None:
     if not future.done():
         future.set_result(result)
 

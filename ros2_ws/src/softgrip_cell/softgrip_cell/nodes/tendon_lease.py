@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from softgrip_interfaces.msg import LeaseHeartbeat, TendonOwners
 from softgrip_interfaces.srv import AcquireLease, ReleaseLease
@@ -89,8 +89,11 @@ class TendonLease:
 
     def missing(self) -> list[str]:
         """Return the services that nobody serves."""
-        servers = {"service tendon/lease": self._acquire, "service tendon/lease_release": self._release}
-        return [name for name, client in servers.items() if not client.service_is_ready()]
+        servers = {
+            "service tendon/lease": self._acquire.service_is_ready(),
+            "service tendon/lease_release": self._release.service_is_ready(),
+        }
+        return [name for name, ready in servers.items() if not ready]
 
     def acquire(self, answered: Answered) -> None:
         """Become the owner; at once where it is so already. One acquisition at a time: a new one replaces another."""
@@ -171,17 +174,16 @@ class TendonLease:
         answer = self._acquire.call_async(goal)
         answer.add_done_callback(lambda future: self._on_answer(request, future.result()))
 
-    def _on_answer(self, request: _Request, response: Any) -> None:
-        granted = response is not None and response.success
+    def _on_answer(self, request: _Request, response: AcquireLease.Response | None) -> None:
         if request is not self._request:
-            if granted:  # nobody waits for it any more
+            if response is not None and response.success:  # nobody waits for it any more
                 self._release.call_async(ReleaseLease.Request(token=response.token))
             return
-        if granted:
+        if response is None:
+            self._finish(request, "tendon_driver went away before it answered tendon/lease")
+        elif response.success:
             self.token, self._granted_s = response.token, self._node_io.monotonic_s()
             self._finish(request, "")
-        elif response is None:
-            self._finish(request, "tendon_driver went away before it answered tendon/lease")
         elif self._is_ours_from_before():
             request.is_asked = False  # ends by itself: its owner died and sends no heartbeats
         elif self._ask_for_hand_over:

@@ -109,7 +109,7 @@ class Database:
     read = write  # one path: a reader sees one consistent state as well
 
     def audit(
-        self, connection: Connection, at_ns: int, who: str, action: str, subject: str, detail: Any = None
+        self, connection: Connection, at_ns: int, who: str, action: str, subject: str, detail: object = None
     ) -> None:
         """Write down who did what, in the transaction that does it."""
         connection.execute(

@@ -265,7 +265,7 @@ class CellJournal:
         duration_s: float,
         *,
         changed: bool,
-        references: Mapping[str, Any] | None = None,
+        references: Mapping[str, object] | None = None,
     ) -> None:
         """Close a swap.
 
@@ -391,13 +391,16 @@ class CellJournal:
             )
             connection.execute(delete(OPERATION))
 
-    def reference(self, serial: str) -> Any | None:
+    def reference(self, serial: str) -> Mapping[str, object] | None:
         """Return the free motion stored by the last passed check of a finger, None before the first."""
         with self._database.read() as connection:
             found = connection.execute(
                 select(FINGER_RECORD.c.reference).where(FINGER_RECORD.c.serial == serial)
             ).scalar()
-        return None if found is None else json.loads(found)
+        if found is None:
+            return None
+        reference: Mapping[str, object] = json.loads(found)
+        return reference
 
     def grasps(self, limit: int) -> list[CountedGrasp]:
         """Return the newest counted grasps, newest first."""
@@ -439,7 +442,7 @@ class CellJournal:
     def _set_step(self, connection: Connection, step: str) -> None:
         connection.execute(update(OPERATION).values(step=step, at_ns=self._now_ns()))
 
-    def _audit(self, connection: Connection, action: str, subject: str, detail: Any) -> None:
+    def _audit(self, connection: Connection, action: str, subject: str, detail: object) -> None:
         self._database.audit(connection, self._now_ns(), "grasp_mix_manager", action, subject, detail)
 
 

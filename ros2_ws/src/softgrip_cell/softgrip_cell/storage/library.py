@@ -36,7 +36,7 @@ class AuditEntry:
     who: str
     action: str
     subject: str
-    detail: Any
+    detail: object
 
 
 class Library:
@@ -115,7 +115,7 @@ class Library:
                     written.append(product.id)
         return written
 
-    def product_history(self, product_id: str) -> list[tuple[int, str, int, Any]]:
+    def product_history(self, product_id: str) -> list[tuple[int, str, int, object]]:
         """Return (version, who, at_ns, document) of every version of a product, oldest first."""
         query = select(ENTRY).where(ENTRY.c.kind == "product", ENTRY.c.id == product_id).order_by(ENTRY.c.version)
         with self._database.read() as connection:
@@ -195,7 +195,9 @@ class Library:
                 for row in connection.execute(query)
             ]
 
-    def _save(self, connection: Connection, kind: str, key: str, document: Any, read_version: int, who: str) -> int:
+    def _save(
+        self, connection: Connection, kind: str, key: str, document: dict[str, object], read_version: int, who: str
+    ) -> int:
         row = connection.execute(
             select(ENTRY).where(ENTRY.c.kind == kind, ENTRY.c.id == key).order_by(ENTRY.c.version.desc()).limit(1)
         ).one_or_none()
@@ -266,7 +268,7 @@ def _entries_in_force(connection: Connection) -> list[Row[Any]]:
     return list(connection.execute(query.order_by(oldest.c.at_ns, ENTRY.c.kind, ENTRY.c.id)))
 
 
-def _content(document: dict[str, Any]) -> dict[str, Any]:
+def _content(document: dict[str, object]) -> dict[str, object]:
     return {key: value for key, value in document.items() if key != "version"}
 
 

@@ -92,7 +92,7 @@ def save_record(record: FirstRunRecord, path: Path) -> None:
     write_durably(path, json.dumps(_document(record) | {"digest": record.digest}, indent=1).encode())
 
 
-def _document(record: FirstRunRecord) -> dict[str, Any]:
+def _document(record: FirstRunRecord) -> dict[str, object]:
     return {
         "schema": SCHEMA,
         "cell_file": record.cell_file,
@@ -105,7 +105,7 @@ def _document(record: FirstRunRecord) -> dict[str, Any]:
     }
 
 
-def _row(report: StepReport) -> dict[str, Any]:
+def _row(report: StepReport) -> dict[str, object]:
     row = asdict(report)
     for figure in row["figures"]:
         if not figure["remark"]:  # as with is_emulated

@@ -7,9 +7,10 @@ import signal
 import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import rclpy
+from rclpy.executors import Executor
 from rclpy.node import Node
 
 from softgrip_cell.nodes.controller_client import CellController
@@ -43,9 +44,9 @@ class CellSession:
         self._output: IO[bytes] | None = None
         self._node: Node | None = None
         self._link: CellLink | None = None
-        self._executor: Any = None
+        self._executor: Executor | None = None
         self._controller: CellController | None = None
-        self.status: Any = None
+        self._status: TendonStatusArray | None = None
         self.before_start: Callable[[], None] = lambda: None
 
     @property
@@ -60,6 +61,12 @@ class CellSession:
         elif self._process is not None and self._process.poll() is not None:
             raise FirstRunError(f"expected the cell to run, found its launch ended; {self._last_words()}")
         return self._link
+
+    @property
+    def status(self) -> TendonStatusArray:
+        """The newest tendon/status; `link` has waited for the first one."""
+        assert self._status is not None, "the cell is started by its link"
+        return self._status
 
     @property
     def controller(self) -> CellController:
@@ -86,7 +93,7 @@ class CellSession:
         self._executor.add_node(node)
         link = CellLink(node, self._executor)
         link.until(self._is_up, START_TIMEOUT_S, "tendon/status of the cell")
-        if self.status is None:
+        if self._status is None:
             raise FirstRunError(f"expected the cell to start, found its launch ended; {self._last_words()}")
         return link
 
@@ -97,10 +104,10 @@ class CellSession:
         return "; ".join([*causes, f"all that it said is in {self._log}"])
 
     def _is_up(self) -> bool:
-        return self.status is not None or (self._process is not None and self._process.poll() is not None)
+        return self._status is not None or (self._process is not None and self._process.poll() is not None)
 
-    def _on_status(self, message: Any) -> None:
-        self.status = message
+    def _on_status(self, message: TendonStatusArray) -> None:
+        self._status = message
 
     def close(self) -> None:
         """End the client, then the cell."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from std_srvs.srv import Trigger
 
@@ -76,8 +75,8 @@ class FrictionStep:
         yield at_most("largest error of the fit", friction.maximum_error, MAX_ERROR, "", remedy)
         yield equal_to("verdict", friction.verdict, "usable", remedy)
 
-    def _calibrated(self) -> Any:
-        def set_up(feedback: Any) -> None:
+    def _calibrated(self) -> CalibrateFriction.Result:
+        def set_up(feedback: CalibrateFriction.Feedback) -> None:
             self.hands.set_rig(feedback.angle, feedback.load, feedback.instruction)
 
         goal = CalibrateFriction.Goal(

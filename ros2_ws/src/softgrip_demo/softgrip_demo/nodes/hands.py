@@ -8,13 +8,19 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, TypeVar
 
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 from softgrip_demo.errors import ShiftError
 from softgrip_interfaces.srv import MountFingers, PlaceObject, SetRig
+from softgrip_nodekit.errors import SuccessResponseT
+
+if TYPE_CHECKING:
+    from rclpy.client import Client
+
+Request = TypeVar("Request")
 
 TIMEOUT = 10.0  # [s] for one movement of the hands
 
@@ -55,7 +61,7 @@ class Hands:
         self._thread.join(timeout=2.0)
         self._node.destroy_node()
 
-    def _call(self, client: Any, request: Any) -> None:
+    def _call(self, client: Client[Request, SuccessResponseT], request: Request) -> None:
         if not client.wait_for_service(timeout_sec=TIMEOUT):
             raise ShiftError(f"expected the emulated cell's {client.srv_name} within {TIMEOUT:g} s, found none")
         done = threading.Event()

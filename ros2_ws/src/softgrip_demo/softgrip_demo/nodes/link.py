@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
@@ -17,11 +17,33 @@ from std_srvs.srv import Trigger
 from softgrip_demo.errors import ShiftError
 from softgrip_interfaces.action import CalibrateFriction
 from softgrip_nodekit import duration_clock
+from softgrip_nodekit.errors import SuccessResponseT
 from softgrip_time.units import to_ns
+
+if TYPE_CHECKING:
+    from rclpy.client import Client
+    from rclpy.task import Future
+    from rclpy.type_support import FeedbackMessage
+
+    from softgrip_nodekit.node_io import ActionType, ServiceType
+
+T = TypeVar("T")
+Request = TypeVar("Request")
+Goal = TypeVar("Goal")
+Result = TypeVar("Result", bound="ReasonedResult")
+Feedback = TypeVar("Feedback")
 
 #: What the reason of a calibration that may go on says, and how often it is tried.
 RESUMABLE, CALIBRATION_TRIES = "resume the plan", 4
 POLL = 0.05  # [s] between looks at a condition while the executor spins
+
+
+class ReasonedResult(Protocol):
+    """A result of an action that says why it ended so."""
+
+    @property
+    def reason(self) -> str:
+        """In words."""
 
 
 class CellLink:
@@ -31,8 +53,8 @@ class CellLink:
         self.node = node
         self._executor = executor
         self._durations = duration_clock(node)
-        self._service_clients: dict[str, Any] = {}
-        self._action_clients: dict[str, ActionClient] = {}
+        self._service_clients: dict[str, Client[Any, Any]] = {}
+        self._action_clients: dict[str, ActionClient[Any, Any, Any]] = {}
 
     def until(self, condition: Callable[[], bool], timeout: float, expected: str, clock: Clock | None = None) -> None:
         """Spin until a condition holds.
@@ -58,14 +80,20 @@ class CellLink:
         end = self._durations.now() + Duration(nanoseconds=to_ns(duration_s))
         self.until(lambda: self._durations.now() >= end, 2.0 * duration_s + 10.0, why)
 
-    def wait(self, future: Any, timeout: float, expected: str) -> Any:
+    def wait(self, future: Future[T], timeout: float, expected: str) -> T:
         """Spin until a future is done and return its result."""
         self.until(future.done, timeout, expected)
         return future.result()
 
-    def call(self, service_type: Any, name: str, request: Any, timeout: float = 10.0) -> Any:
+    def call(
+        self,
+        service_type: ServiceType[Request, SuccessResponseT],
+        name: str,
+        request: Request,
+        timeout: float = 10.0,
+    ) -> SuccessResponseT:
         """Call a service; a response with ``success`` false is an error."""
-        client = self._service_clients.get(name)
+        client: Client[Request, SuccessResponseT] | None = self._service_clients.get(name)
         if client is None:
             client = self._service_clients[name] = self.node.create_client(service_type, name)
         self.until(client.service_is_ready, timeout, f"service {name}")
@@ -76,24 +104,24 @@ class CellLink:
 
     def act(
         self,
-        action_type: Any,
+        action_type: ActionType[Goal, Result, Feedback],
         name: str,
-        goal: Any,
+        goal: Goal,
         *,
-        feedback: Callable[[Any], None] | None = None,
+        feedback: Callable[[Feedback], None] | None = None,
         timeout: float = 60.0,
-    ) -> Any:
+    ) -> Result:
         """Run an action to its end and return its result message.
 
         Raises:
             ShiftError: when the server is missing, rejects the goal, is cancelled, or takes over ``timeout`` [s].
         """
-        client = self._action_clients.get(name)
+        client: ActionClient[Goal, Result, Feedback] | None = self._action_clients.get(name)
         if client is None:
             client = self._action_clients[name] = ActionClient(self.node, action_type, name)
         self.until(client.server_is_ready, 10.0, f"action {name}")
 
-        def on_feedback(message: Any) -> None:
+        def on_feedback(message: FeedbackMessage[Feedback]) -> None:
             if feedback is not None:
                 feedback(message.feedback)
 
@@ -106,7 +134,12 @@ class CellLink:
         return answer.result
 
 
-def calibrate(link: CellLink, goal: CalibrateFriction.Goal, set_up: Callable[[Any], None], timeout: float) -> Any:
+def calibrate(
+    link: CellLink,
+    goal: CalibrateFriction.Goal,
+    set_up: Callable[[CalibrateFriction.Feedback], None],
+    timeout: float,
+) -> CalibrateFriction.Result:
     """Run the rig's plan, again where it can be resumed, and return its result.
 
     Args:
@@ -120,7 +153,7 @@ def calibrate(link: CellLink, goal: CalibrateFriction.Goal, set_up: Callable[[An
     """
     confirm = link.node.create_client(Trigger, "rig/confirm")
 
-    def on_feedback(feedback: Any) -> None:
+    def on_feedback(feedback: CalibrateFriction.Feedback) -> None:
         if feedback.phase == feedback.SET_UP:
             set_up(feedback)
             confirm.call_async(Trigger.Request())

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Final
 
 from std_srvs.srv import Trigger
 
@@ -46,14 +46,14 @@ class CellOperator:
         self._log = link.node.get_logger()
         self._copies: Counter[str] = Counter()
 
-    def calibrate(self, cable_radius: float, surface_radius: float) -> Any:
-        """Nine points (Table 3.3), with angle and weight as the rig asks for them; returns CalibrateFriction.Result.
+    def calibrate(self, cable_radius: float, surface_radius: float) -> CalibrateFriction.Result:
+        """Nine points (Table 3.3), with angle and weight as the rig asks for them.
 
         Raises:
             ShiftError: the rig does not answer or fails.
         """
 
-        def set_up(feedback: Any) -> None:
+        def set_up(feedback: CalibrateFriction.Feedback) -> None:
             self._log.info(f"rig: {feedback.instruction}")
             self._hands.set_rig(feedback.angle, feedback.load)
 

@@ -15,12 +15,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import groupby
 from pathlib import Path
-from typing import Any
 
 import rclpy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 
 from softgrip_cell.errors import CellError
@@ -67,7 +66,7 @@ PARAMETERS = ParameterTable(
 class Shift:
     """The sequence of one shift; every stage is timed."""
 
-    def __init__(self, node: Node, executor: Any, hands: Hands) -> None:
+    def __init__(self, node: Node, executor: Executor, hands: Hands) -> None:
         self._values = PARAMETERS.declare(node)
         self._log = node.get_logger()
         self._link = CellLink(node, executor)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypeVar
 
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -16,6 +16,8 @@ from softgrip_demo.alignment import Instant, MeasuredTip
 from softgrip_interfaces.msg import FingerStates, PredictedShape
 from softgrip_nodekit import SENSOR, seconds
 
+Message = TypeVar("Message")
+
 
 @dataclass
 class Gathered:
@@ -23,7 +25,7 @@ class Gathered:
 
     measured: list[MeasuredTip] = field(default_factory=list)
     predicted: list[Instant] = field(default_factory=list)
-    shapes: list[Any] = field(default_factory=list)
+    shapes: list[PredictedShape] = field(default_factory=list)
     frames: list[tuple[float, bytes]] = field(default_factory=list)
 
 
@@ -50,7 +52,9 @@ class ShiftWatch:
             node.create_subscription(kind, topic, self._reader(kind, topic, gather), SENSOR, raw=True)
         node.create_subscription(JointState, "tendon/state", self._on_tendon, SENSOR, raw=True)
 
-    def _reader(self, kind: Any, topic: str, gather: Callable[[Gathered, Any], None]) -> Callable[[bytes], None]:
+    def _reader(
+        self, kind: type[Message], topic: str, gather: Callable[[Gathered, Message], None]
+    ) -> Callable[[bytes], None]:
         def received(data: bytes) -> None:
             self.seen.add(topic)
             if self._gathered is not None and (kind is not CompressedImage or self._film):

@@ -256,7 +256,7 @@ class _Reader:
 
 def cell_text(cell: CellFile, folder: Path | None = None) -> str:
     """Return a cell file's text; what is as shipped is left out, and paths within ``folder`` are relative to it."""
-    data: dict[str, Any] = {"schema": SCHEMA, "cell": cell.name, "hardware": cell.hardware}
+    data: dict[str, object] = {"schema": SCHEMA, "cell": cell.name, "hardware": cell.hardware}
     if cell.servos is not None:
         rows = [_row(servo) for servo in cell.servos.chain]
         servos = cell.servos
@@ -275,7 +275,7 @@ def save_cell(cell: CellFile, path: Path) -> None:
         raise CellFileError(f"{path}: expected a file that can be written, found: {error}; choose another") from error
 
 
-def _row(servo: ChainServo) -> dict[str, Any]:
+def _row(servo: ChainServo) -> dict[str, object]:
     values = {one.name: getattr(servo, one.name) for one in fields(servo)}
     values["id"] = values.pop("servo_id")
     order = ("tendon", "model", "id", "direction", "spool_radius_m", "slack_m", "torque")

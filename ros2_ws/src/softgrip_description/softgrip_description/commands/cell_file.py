@@ -7,7 +7,6 @@ import argparse
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -84,7 +83,7 @@ def write_launch_files(cell: CellFile, known: Path, folder: Path) -> None:
     (folder / ARGUMENTS).write_text(yaml.safe_dump({"launch": actions}, sort_keys=False), encoding="utf-8")
 
 
-def _declared(arguments: Mapping[str, str]) -> list[dict[str, Any]]:
+def _declared(arguments: Mapping[str, str]) -> list[dict[str, object]]:
     return [{"arg": {"name": name, "default": value}} for name, value in arguments.items()]
 
 

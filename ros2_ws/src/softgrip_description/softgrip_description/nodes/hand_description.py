@@ -6,7 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
@@ -43,6 +43,9 @@ from softgrip_nodekit import (
     transform_message,
 )
 
+if TYPE_CHECKING:
+    from rclpy.task import Future
+
 #: Limits that URDF wants of a joint [N], [m/s]: the defaults of gripper_command's effort_limit_n and max_velocity_m_s.
 _EFFORT_N, _VELOCITY_M_S = 35.0, 0.1
 _GIVE_PERIOD_S = 0.2
@@ -74,7 +77,7 @@ class StatePublisherLink:
         self._given = ""
         self._diagnostics = diagnostics
         self._client = node.create_client(SetParameters, "robot_state_publisher/set_parameters")
-        self._answer: Any = None
+        self._answer: tuple[str, Future[SetParameters.Response]] | None = None
         node.create_subscription(String, "robot_description", self._on_description, LATCHED)
         steady_timer(node, _GIVE_PERIOD_S, self._give)
 
@@ -95,7 +98,7 @@ class StatePublisherLink:
             request = SetParameters.Request(parameters=[ParameterMessage(name="robot_description", value=value)])
             self._answer = (self.text, self._client.call_async(request))
 
-    def _on_answer(self, text: str, future: Any) -> None:
+    def _on_answer(self, text: str, future: Future[SetParameters.Response]) -> None:
         self._given, self._answer = text, None
         result = future.result().results[0]
         self._report("" if result.successful else f"robot_state_publisher refuses the description: {result.reason}")

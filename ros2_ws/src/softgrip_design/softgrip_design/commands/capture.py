@@ -9,7 +9,6 @@ import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -124,7 +123,7 @@ def _write(folder: Path, recording: Recording, motion: RecordedMotion, grasps: S
     return files
 
 
-def _plain(grasp: DetectedGrasp) -> dict[str, Any]:
+def _plain(grasp: DetectedGrasp) -> dict[str, object]:
     finger, gap = grasp.touching
     return {
         "kind": str(grasp.kind),

@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -37,7 +37,14 @@ from softgrip_model.friction.acceptance import accept
 from softgrip_model.friction.errors import LawError
 from softgrip_model.friction.laws import FrictionLaw
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, seconds, to_time_message
+from softgrip_nodekit.errors import SuccessResponseT
 from softgrip_time.units import to_ns
+
+if TYPE_CHECKING:
+    from rclpy.client import Client
+
+Request = TypeVar("Request")
+Response = TypeVar("Response")
 
 Array = NDArray[np.float64]
 
@@ -326,13 +333,17 @@ class FingerLink:
         else:
             self._switch.release()
 
-    def _call(self, client: Any, request: Any, timeout_s: float = SERVICE_TIMEOUT_S) -> Any:
+    def _call(
+        self, client: Client[Request, SuccessResponseT], request: Request, timeout_s: float = SERVICE_TIMEOUT_S
+    ) -> SuccessResponseT:
         answer = self._answer(client, request, timeout_s)
         if not answer.success:
             raise DesignError(f"{client.srv_name} refused: {answer.message}")
         return answer
 
-    def _answer(self, client: Any, request: Any, timeout_s: float = SERVICE_TIMEOUT_S) -> Any:
+    def _answer(
+        self, client: Client[Request, Response], request: Request, timeout_s: float = SERVICE_TIMEOUT_S
+    ) -> Response:
         self._until(client.service_is_ready, SERVICE_TIMEOUT_S, f"service {client.srv_name}")
         done = threading.Event()
         future = client.call_async(request)

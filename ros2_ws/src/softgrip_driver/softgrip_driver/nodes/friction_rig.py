@@ -12,7 +12,6 @@ import threading
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -62,6 +61,8 @@ from softgrip_nodekit import (
 from softgrip_time import Clock as CellClock
 from softgrip_time import WallClock
 from softgrip_time.units import to_s
+
+_Handle = GoalHandle[CalibrateFriction.Goal, CalibrateFriction.Feedback]
 
 #: [s] between looks at idle devices.
 _IDLE_PERIOD = 0.5
@@ -195,7 +196,7 @@ class FrictionRig(HardwareNode):
 
     # -- measuring ---------------------------------------------------------------------------------------------------
 
-    def _on_calibrate(self, goal_handle: GoalHandle) -> CalibrateFriction.Result:
+    def _on_calibrate(self, goal_handle: _Handle) -> CalibrateFriction.Result:
         result = CalibrateFriction.Result()
         # A result without a model must not look like one that may be used.
         result.model = FrictionModel(verdict=FrictionModel.DO_NOT_USE, reason="no model was fitted")
@@ -271,7 +272,7 @@ class FrictionRig(HardwareNode):
         if usable and goal.activate:
             self._make_active(model.id)
 
-    def _on_cancel(self, _: Any) -> CancelResponse:
+    def _on_cancel(self, _: _Handle) -> CancelResponse:
         with self._session_lock:
             session = self._session
         if session is not None:
@@ -288,7 +289,7 @@ class FrictionRig(HardwareNode):
         response.message = "" if response.success else "nothing to confirm: no step is waiting"
         return response
 
-    def announce(self, send: Callable[..., None], *messages: Any) -> bool:
+    def announce(self, send: Callable[..., None], *messages: object) -> bool:
         """Send something; False when the process is ending (rclpy has no public name for what it raises then)."""
         try:
             send(*messages)
@@ -380,7 +381,7 @@ class FrictionRig(HardwareNode):
 class _Session(RigOperator):
     """One running plan: between the procedure's questions and the action's client."""
 
-    def __init__(self, node: FrictionRig, goal_handle: GoalHandle, clock: ScaledClock) -> None:
+    def __init__(self, node: FrictionRig, goal_handle: _Handle, clock: ScaledClock) -> None:
         self.clock = clock
         self.ended = threading.Event()
         self.accepted: dict[int, FrictionSample] = {}

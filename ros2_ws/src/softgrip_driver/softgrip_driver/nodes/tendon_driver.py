@@ -8,11 +8,10 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from typing import Any
+from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
-from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
@@ -57,6 +56,12 @@ from softgrip_nodekit import (
 from softgrip_time import Clock as CellClock
 from softgrip_time import WallClock
 from softgrip_time.units import NANOSECONDS
+
+if TYPE_CHECKING:
+    from rclpy.action.server import ServerGoalHandle
+    from rclpy.publisher import Publisher
+
+    _Handle = ServerGoalHandle[MoveTendon.Goal, MoveTendon.Result, MoveTendon.Feedback]
 
 #: [s] for every drive to answer for the first time
 FIRST_READING = 2.0
@@ -304,7 +309,7 @@ class TendonDriver(HardwareNode):
         if loop.failure is not None:
             self.get_logger().fatal(f"the bus loop has ended: {loop.failure!r}")
 
-    def _publish(self, publisher: Any, message: Any) -> None:
+    def _publish(self, publisher: Publisher, message: object) -> None:
         self._guarded(publisher.publish, message)
 
     def _guarded(self, call: Callable[..., object], *arguments: object) -> None:
@@ -370,7 +375,7 @@ class TendonDriver(HardwareNode):
         del goal
         return GoalResponse.ACCEPT
 
-    def _begin_move(self, handle: ServerGoalHandle) -> None:
+    def _begin_move(self, handle: _Handle) -> None:
         self._begun[bytes(handle.goal_id.uuid)] = self._ticket_or_refusal(handle.request)
         handle.execute()
 
@@ -393,7 +398,7 @@ class TendonDriver(HardwareNode):
             return now_s + ORDER_LIFETIME_S
         return now_s + (deadline_ns - self._clock_of_cell.epoch_ns(now_s)) / NANOSECONDS
 
-    def _execute_move(self, handle: ServerGoalHandle) -> MoveTendon.Result:
+    def _execute_move(self, handle: _Handle) -> MoveTendon.Result:
         """Wait for the end of a move that has begun."""
         begun, loop = self._begun.pop(bytes(handle.goal_id.uuid)), self._loop
         if isinstance(begun, str) or loop is None:
@@ -407,9 +412,7 @@ class TendonDriver(HardwareNode):
             return self._end(handle, MoveOutcome.FAULT, f"{error}; it holds where it is", tuple(begun.jobs))
         return self._end(handle, outcome, reason, tuple(begun.jobs))
 
-    def _end(
-        self, handle: ServerGoalHandle, outcome: MoveOutcome, reason: str, tendons: Sequence[str]
-    ) -> MoveTendon.Result:
+    def _end(self, handle: _Handle, outcome: MoveOutcome, reason: str, tendons: Sequence[str]) -> MoveTendon.Result:
         if outcome is MoveOutcome.CANCELLED and handle.is_cancel_requested:
             handle.canceled()
         elif outcome in {MoveOutcome.REACHED, MoveOutcome.TENSION_LIMIT}:
@@ -423,7 +426,7 @@ class TendonDriver(HardwareNode):
     # --- waiting ---------------------------------------------------------------------------------------------------
 
     def _wait(
-        self, loop: BusLoop, ticket: Ticket, timeout: float, handle: ServerGoalHandle | None = None
+        self, loop: BusLoop, ticket: Ticket, timeout: float, handle: _Handle | None = None
     ) -> tuple[MoveOutcome, str]:
         """Wait for the end of a request, cycle by cycle; with an action's handle also give feedback and heed cancel."""
         deadline = loop.clock.now_s() + timeout
@@ -450,7 +453,7 @@ class TendonDriver(HardwareNode):
                 drives = [drive for drive in snapshots[-1].drives if drive.tendon in ticket.jobs]
                 handle.publish_feedback(convert.to_move_feedback(drives))
 
-    def _with_loop(self, action: Any) -> tuple[bool, str]:
+    def _with_loop(self, action: Callable[[BusLoop], tuple[bool, str]]) -> tuple[bool, str]:
         loop = self._loop
         if loop is None:
             return False, "not connected; configure and activate the driver"

@@ -144,7 +144,7 @@ class PlanJournal:
                 raise ValueError(f"event '{kind}'")
         return journal
 
-    def _append(self, event: dict[str, Any]) -> None:
+    def _append(self, event: dict[str, object]) -> None:
         try:
             is_new = not self.path.exists()
             whole = 0 if is_new else self.path.read_bytes().rfind(b"\n") + 1

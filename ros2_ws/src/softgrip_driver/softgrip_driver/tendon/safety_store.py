@@ -172,7 +172,7 @@ def _record_of(body: Mapping[str, Any]) -> SafetyRecord:
     return SafetyRecord(**values)
 
 
-def _digest(body: Mapping[str, Any]) -> str:
+def _digest(body: Mapping[str, object]) -> str:
     return hashlib.sha256(yaml.safe_dump(body, sort_keys=True).encode()).hexdigest()
 
 

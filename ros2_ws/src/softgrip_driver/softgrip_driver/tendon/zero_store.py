@@ -11,7 +11,6 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -102,5 +101,5 @@ def next_mark(homings: int) -> int:
     return homings % MARKS + 1
 
 
-def _digest(body: Mapping[str, Any]) -> str:
+def _digest(body: Mapping[str, object]) -> str:
     return hashlib.sha256(yaml.safe_dump(body, sort_keys=True).encode()).hexdigest()

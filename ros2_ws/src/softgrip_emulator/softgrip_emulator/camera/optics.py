@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import cv2
 import numpy as np
@@ -150,6 +150,6 @@ def write_calibration(path: Path, optics: Optics, finger: str, seed: int) -> Non
     scratch.replace(path)
 
 
-def _entry(matrix: Array) -> dict[str, Any]:
+def _entry(matrix: Array) -> dict[str, object]:
     rows, cols = matrix.shape
     return {"rows": rows, "cols": cols, "data": [float(value) for value in matrix.ravel()]}

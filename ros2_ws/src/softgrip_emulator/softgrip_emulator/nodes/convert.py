@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point
@@ -47,13 +46,13 @@ def _to_finger_state(finger: EmulatedFingerReading) -> FingerState:
     return message
 
 
-def to_fault_arguments(arguments: Sequence[ParameterMessage]) -> dict[str, Any]:
+def to_fault_arguments(arguments: Sequence[ParameterMessage]) -> dict[str, object]:
     """Return the arguments of a fault: name -> number or text.
 
     Raises:
         EmulatorError: an argument without a name or a value, or a name that comes twice.
     """
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     for argument in arguments:
         value = parameter_value_to_python(argument.value)
         if not argument.name or argument.name in found or value is None:

@@ -6,11 +6,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 import rclpy
 from builtin_interfaces.msg import Duration
+from numpy.typing import NDArray
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -22,7 +23,15 @@ from softgrip_gym.tendons import PERIOD_S, SLOTS, next_targets, product_observat
 from softgrip_interfaces.msg import EmulatorTruth, LeaseHeartbeat
 from softgrip_interfaces.srv import AcquireLease, MountFingers, PlaceObject, ReleaseLease
 from softgrip_nodekit import RELIABLE, SENSOR, seconds
+from softgrip_nodekit.errors import SuccessResponseT
 from softgrip_time.units import to_ns
+
+if TYPE_CHECKING:
+    from rclpy.client import Client
+
+    from softgrip_gym.tendons import Array
+
+Request = TypeVar("Request")
 
 #: [s] that a service, a homing, and the next tendon/state may take.
 SERVICE_TIMEOUT_S: Final = 10.0
@@ -122,7 +131,7 @@ class PolicyRunner:
             periods = min(MAX_LATE_PERIODS, max(1, round((now_s - before_s) / PERIOD_S)))
         return actions
 
-    def _tendons(self, targets_m: Any) -> Any:
+    def _tendons(self, targets_m: NDArray[np.float64]) -> Array:
         state = self._state
         assert state is not None, "a state has been waited for"
         order = [list(state.name).index(slot) for slot in SLOTS]
@@ -131,7 +140,7 @@ class PolicyRunner:
         )
         return tendon_observation(lengths_m, speeds_m_s, tensions_n, targets_m.tolist())
 
-    def _command(self, targets_m: Any, token: str) -> None:
+    def _command(self, targets_m: NDArray[np.float64], token: str) -> None:
         point = JointTrajectoryPoint(
             positions=[float(target_m) for target_m in targets_m],
             time_from_start=Duration(nanosec=to_ns(PERIOD_S)),
@@ -151,7 +160,9 @@ class PolicyRunner:
             return -np.inf
         return seconds(self._state.header.stamp)
 
-    def _call(self, client: Any, request: Any, timeout_s: float = SERVICE_TIMEOUT_S) -> Any:
+    def _call(
+        self, client: Client[Request, SuccessResponseT], request: Request, timeout_s: float = SERVICE_TIMEOUT_S
+    ) -> SuccessResponseT:
         self._until(client.service_is_ready, SERVICE_TIMEOUT_S, f"service {client.srv_name}")
         future = client.call_async(request)
         self._until(future.done, timeout_s, f"an answer of {client.srv_name}")

@@ -8,7 +8,6 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -120,7 +119,7 @@ def _write(found: dict[Law, Calibration], folder: Path) -> list[Path]:
 
 def _as_mapping(
     found: dict[Law, Calibration], compared: dict[Law, Comparison], points: Measurements, written: list[Path]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     models = {}
     for law, calibration in found.items():
         judged = calibration.assessment

@@ -119,7 +119,7 @@ def _print_table(title: str, finger: Finger, pulls: np.ndarray, closings: Mappin
     Console(width=None if sys.stdout.isatty() else 140).print(table)
 
 
-def _as_data(title: str, finger: Finger, closings: Mapping[str, Solution]) -> dict[str, Any]:
+def _as_data(title: str, finger: Finger, closings: Mapping[str, Solution]) -> dict[str, object]:
     def numbers(array: Any) -> Any:  # JSON has no NaN
         if isinstance(array, float):
             return array if math.isfinite(array) else None

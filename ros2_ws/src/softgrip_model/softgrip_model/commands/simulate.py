@@ -62,7 +62,7 @@ class SimulationResult:
     """What a case gave: rows of the table, data for JSON, the shape to draw, and whether it got to its full load."""
 
     rows: list[tuple[str, str]]
-    data: dict[str, Any]
+    data: dict[str, object]
     mesh: Mesh
     displacement: Array
     strain: Array
@@ -186,7 +186,7 @@ def _solid_result(case: Case, found: March, newtons: float, prepare_s: float, so
     last = found.last
     largest = float(np.linalg.norm(last.displacement, axis=1).max())
     held = {name: newtons * last.reaction[case.face(name)].sum(axis=0) for name in ("left", "right")}
-    data: dict[str, Any] = {
+    data: dict[str, object] = {
         "case": case.title,
         "law": str(case.law),
         "hexahedra": len(case.mesh.hexes),

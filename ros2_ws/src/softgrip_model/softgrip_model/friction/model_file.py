@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -23,7 +24,7 @@ SCHEMA = 1
 Choice = TypeVar("Choice", bound=StrEnum)
 
 
-def to_mapping(model: FrictionModel) -> dict[str, Any]:
+def to_mapping(model: FrictionModel) -> dict[str, object]:
     """Return a model as the mapping that its YAML file holds."""
     return {
         "schema": SCHEMA,
@@ -142,7 +143,7 @@ def from_mapping(mapping: dict[str, Any]) -> FrictionModel:
 class _Reader:
     """Typed access to a mapping, with errors that name the key."""
 
-    content: dict[str, Any]
+    content: dict[str, object]
 
     def _get(self, key: str) -> Any:
         if key not in self.content:
@@ -162,7 +163,7 @@ class _Reader:
         value = self._get(key)
         return math.nan if value is None else _number(key, value)
 
-    def mapping(self, key: str) -> dict[str, Any]:
+    def mapping(self, key: str) -> dict[str, object]:
         value = self._get(key)
         if not isinstance(value, dict):
             raise ModelFileError(f"{key}: expected a mapping, found {value!r}")
@@ -185,13 +186,13 @@ class _Reader:
         return low, high
 
 
-def _number(key: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+def _number(key: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
         raise ModelFileError(f"{key}: expected a finite number, found {value!r}")
     return float(value)
 
 
-def _covariance(value: Any, count: int) -> NDArray[np.float64] | None:
+def _covariance(value: object, count: int) -> NDArray[np.float64] | None:
     if value is None:
         return None
     try:
@@ -203,7 +204,7 @@ def _covariance(value: Any, count: int) -> NDArray[np.float64] | None:
     return matrix
 
 
-def _time(value: Any) -> datetime:
+def _time(value: object) -> datetime:
     if isinstance(value, datetime):  # an unquoted YAML time stamp
         return value if value.tzinfo else value.replace(tzinfo=UTC)
     try:

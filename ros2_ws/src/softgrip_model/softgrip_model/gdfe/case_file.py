@@ -124,19 +124,19 @@ def parse_case(data: Any, folder: Path, refine: int = 1) -> Case | FingerCase:
     )
     units = values.mapping("units", data["units"])
     values.keys("units", units, {"length", "stress"}, set())
-    values.one_of("units.length", units["length"], LENGTH_UNITS)
-    values.one_of("units.stress", units["stress"], STRESS_UNITS)
+    unit_m = values.one_of("units.length", units["length"], LENGTH_UNITS)
+    unit_pa = values.one_of("units.stress", units["stress"], STRESS_UNITS)
     named, density = _materials(values.mapping("materials", data["materials"]))
     mesh, used = _mesh(values.mapping("mesh", data["mesh"]), named, folder, refine)
     supports, prescribe = _boundary(mesh, data["boundary"])
-    newtons = STRESS_UNITS[units["stress"]] * LENGTH_UNITS[units["length"]] ** 2
-    loads = parse_loads(mesh, data, newtons, LENGTH_UNITS[units["length"]], tuple(density[name] for name in used))
+    loads = parse_loads(mesh, data, unit_pa * unit_m**2, unit_m, tuple(density[name] for name in used))
     compare = values.mapping("compare", data.get("compare", {}))
     values.keys("compare", compare, set(), {"reference", "published"})
+    published = values.mapping("compare.published", compare.get("published", {}))
     return Case(
         title=str(data["title"]),
-        length_unit=units["length"],
-        stress_unit=units["stress"],
+        length_unit=str(units["length"]),
+        stress_unit=str(units["stress"]),
         mesh=mesh,
         materials=tuple(named[name] for name in used),
         supports=supports,
@@ -147,7 +147,7 @@ def parse_case(data: Any, folder: Path, refine: int = 1) -> Case | FingerCase:
         increments=int(values.number("increments", data.get("increments", 1), 1)),
         tolerance=values.number("tolerance", data.get("tolerance", 1e-6), 1e-12),
         compare=CaseComparison(
-            str(compare.get("reference", "")), values.mapping("compare.published", compare.get("published", {}))
+            str(compare.get("reference", "")), {name: str(figure) for name, figure in published.items()}
         ),
     )
 
@@ -204,7 +204,7 @@ def _materials(data: dict[str, Any]) -> tuple[dict[str, SolidMaterial], dict[str
     return named, density
 
 
-def _material(name: str, spec: dict[str, Any]) -> SolidMaterial:
+def _material(name: str, spec: dict[str, object]) -> SolidMaterial:
     where = f"materials.{name}"
     if len(spec) != 1:
         raise GdfeError(f"{where}: expected one of linear, polynomial, ogden, neo_hookean, found {sorted(spec)}")

@@ -39,7 +39,7 @@ FACES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1), "back
 SURFACE = "surface"
 
 
-def face_nodes(mesh: Mesh, name: str, where: str = "face") -> Index:
+def face_nodes(mesh: Mesh, name: object, where: str = "face") -> Index:
     """Return the nodes of a face of the mesh's bounding box.
 
     Raises:
@@ -51,7 +51,7 @@ def face_nodes(mesh: Mesh, name: str, where: str = "face") -> Index:
     return mesh.nodes_where(np.abs(at - edge) < 1e-6 * np.ptp(at))
 
 
-def face_quads(mesh: Mesh, name: str, where: str = "face") -> Index:
+def face_quads(mesh: Mesh, name: object, where: str = "face") -> Index:
     """Return the outer faces (f, 4) whose corners all lie on a face of the mesh's bounding box."""
     chosen = np.zeros(len(mesh.nodes), dtype=bool)
     chosen[face_nodes(mesh, name, where)] = True

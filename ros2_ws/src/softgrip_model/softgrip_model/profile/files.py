@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import sys
 import types
 import typing
 from collections.abc import Sequence
@@ -102,7 +103,7 @@ def load_directory(directory: Path) -> dict[str, Profile]:
     return profiles
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     """A value of the schema as YAML's own types; (name, value) pairs become mappings."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
@@ -123,7 +124,8 @@ def _build(kind: Any, data: Any, where: str) -> Any:
     if origin is types.UnionType:
         return None if data is None else _build(arguments[0], data, where)
     if kind is float:
-        if isinstance(data, bool) or not isinstance(data, int | float):
+        is_number = isinstance(data, int | float) and not isinstance(data, bool)
+        if not is_number or abs(data) > sys.float_info.max:
             raise ProfileError(f"{where}: expected a number, found {data!r}{_number_hint(data)}")
         return float(data)
     if not isinstance(data, kind) or isinstance(data, bool):
@@ -131,7 +133,7 @@ def _build(kind: Any, data: Any, where: str) -> Any:
     return data
 
 
-def _number_hint(data: Any) -> str:
+def _number_hint(data: object) -> str:
     is_scientific = isinstance(data, str) and "e" in data.lower() and any(c.isdigit() for c in data)
     return " (YAML reads exponents only as in 1.0e+6)" if is_scientific else ""
 
@@ -151,10 +153,10 @@ def _build_dataclass(kind: Any, data: Any, where: str) -> Any:
     return kind(**{key: _build(hint, data[key], f"{prefix}{key}") for key, hint in hints.items() if key in data})
 
 
-def _build_tuple(arguments: tuple[Any, ...], data: Any, where: str) -> Any:
+def _build_tuple(arguments: tuple[object, ...], data: object, where: str) -> object:
     item = arguments[0]
     if typing.get_origin(item) is tuple:  # (name, value) pairs, a mapping in YAML
-        value_kind: Any = typing.get_args(item)[1]
+        value_kind: object = typing.get_args(item)[1]
         if not isinstance(data, dict):
             raise ProfileError(f"{where}: expected a mapping, found {data!r}")
         return tuple(

@@ -39,7 +39,7 @@ class RosCall:
     kind: CallKind
     name: str
     type_name: str
-    request: Mapping[str, Any] = field(default_factory=dict)
+    request: Mapping[str, object] = field(default_factory=dict)
 
     def command_line(self, namespace: str = "/") -> str:
         """Return the `ros2` command that does the same."""
@@ -84,11 +84,11 @@ class ActResult:
     answer: Any = None
 
 
-def _service(name: str, type_name: str, **request: Any) -> RosCall:
+def _service(name: str, type_name: str, **request: object) -> RosCall:
     return RosCall(CallKind.SERVICE, name, type_name, request)
 
 
-def _action(name: str, type_name: str, **goal: Any) -> RosCall:
+def _action(name: str, type_name: str, **goal: object) -> RosCall:
     return RosCall(CallKind.ACTION, name, type_name, goal)
 
 
@@ -290,7 +290,7 @@ def _move(name: str, mode: int, target: float, speed_m_s: float, tension_limit_n
     return Act(name, call, Role.ENGINEER, subject=subject, timeout_s=60.0)
 
 
-def set_parameter(node: str, name: str, kind: ParameterKind, value: Any) -> Act:
+def set_parameter(node: str, name: str, kind: ParameterKind, value: object) -> Act:
     """Set a parameter of a node while it runs."""
     setting = {"name": name, "value": {"type": int(kind), kind.field: value}}
     call = _service(f"{node}/set_parameters", "rcl_interfaces/srv/SetParameters", parameters=[setting])

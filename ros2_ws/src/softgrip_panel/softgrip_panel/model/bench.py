@@ -6,7 +6,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 from softgrip_driver.dynamixel.registers import BAUD_CODES
 from softgrip_panel.errors import PanelError
@@ -54,7 +54,7 @@ class BenchView:
         zeros = {name: _number(figures.get("zero [mm]", "")) for name, figures in self.servos.items()}
         return {name: zero for name, zero in zeros.items() if zero is not None}
 
-    def of(self, tendon: str, values: Sequence[Any]) -> str:
+    def of(self, tendon: str, values: Sequence[object]) -> str:
         """Return a tendon's own of one value for each, or for all."""
         if tendon not in self.tendons or not values:
             return "?"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from softgrip_driver.faults import FAULTS, Recovery
 from softgrip_model.finger.wear import LEARNING
@@ -18,7 +18,7 @@ from softgrip_panel.model.facts import CellView, ComponentHealth, ResidualView, 
 from softgrip_panel.model.swap import HANDS_OUT, RESTARTED
 from softgrip_panel.texts import say
 
-Line = tuple[str, dict[str, Any]]
+Line = tuple[str, dict[str, object]]
 
 #: The node that locks the drives while a person's hands are inside for a swap.
 MANAGER: Final = "grasp_mix_manager"

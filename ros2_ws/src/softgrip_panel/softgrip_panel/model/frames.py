@@ -8,7 +8,6 @@ import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from softgrip_panel.model.facts import TensionView
 
@@ -61,5 +60,5 @@ def _number(value: float) -> float | None:
     return round(value, 2) if math.isfinite(value) else None
 
 
-def _json(document: Any) -> bytes:
+def _json(document: object) -> bytes:
     return json.dumps(document, separators=(",", ":"), allow_nan=False).encode()

@@ -54,7 +54,7 @@ class ParameterView:
 
     name: str
     kind: ParameterKind
-    value: Any
+    value: object
     description: str = ""
     minimum: float = -math.inf
     maximum: float = math.inf
@@ -75,7 +75,7 @@ class ParameterView:
             return str(self.value)
         return yaml.safe_dump(self.value, default_flow_style=True, width=10_000).removesuffix("...\n").strip()
 
-    def read(self, text: str) -> Any:
+    def read(self, text: str) -> object:
         """Return what was typed as a value.
 
         Raises:

@@ -137,7 +137,7 @@ def _kept(document: Any) -> KeptWork:
     )
 
 
-def _item(row: Sequence[Any]) -> WorkItem:
+def _item(row: Sequence[object]) -> WorkItem:
     product, finger_set, predicted_time_s, outcome, reason, took_s = row
     if outcome not in OUTCOMES:
         raise ValueError(f"outcome: expected one of {sorted(OUTCOMES)}, found {outcome!r}")
@@ -146,13 +146,13 @@ def _item(row: Sequence[Any]) -> WorkItem:
     )
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     if not isinstance(value, str):
         raise TypeError(f"expected a text, found {value!r}")
     return value
 
 
-def _number(value: Any) -> float:
+def _number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < math.inf:
         raise ValueError(f"expected a number from 0 on, found {value!r}")
     return float(value)

@@ -6,7 +6,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from action_msgs.srv import CancelGoal
 from rclpy.action import ActionClient
@@ -16,8 +16,20 @@ from softgrip_panel.model.acts import Act, ActResult, CallKind
 from softgrip_panel.nodes.convert import answer_of, request_message, ros_type
 from softgrip_panel.texts import say
 
+if TYPE_CHECKING:
+    from rclpy.action.client import ClientGoalHandle
+    from rclpy.client import Client
+    from rclpy.task import Future
+    from rclpy.type_support import FeedbackMessage
+
+Request = TypeVar("Request")
+Response = TypeVar("Response")
+Goal = TypeVar("Goal")
+Result = TypeVar("Result")
+Feedback = TypeVar("Feedback")
+
 #: Called with the name of an act, what came, and who ordered it.
-Hook = Callable[[str, Any, str], Any]
+Hook = Callable[[str, Any, str], object]
 #: [s] A server that is not there after so long is named as missing.
 SERVER_WAIT_S: Final = 2.0
 #: [s] An action server that has not taken a goal after so long is said to be silent.
@@ -42,7 +54,7 @@ class RosCalls:
     def __init__(
         self,
         node: Node,
-        on_accepted: Callable[[str, Any, bytes, str], Any],
+        on_accepted: Callable[[str, Any, bytes, str], object],
         on_feedback: Hook,
         read_result: Callable[[str, Any], tuple[bool, str]],
     ) -> None:
@@ -50,10 +62,10 @@ class RosCalls:
         self._on_accepted = on_accepted
         self._on_feedback = on_feedback
         self._read_result = read_result
-        self._service_clients: dict[str, Any] = {}
-        self._action_clients: dict[str, Any] = {}
-        self._goals: dict[str, Any] = {}
-        self._cancel_clients: dict[str, Any] = {}
+        self._service_clients: dict[str, Client[Any, Any]] = {}
+        self._action_clients: dict[str, ActionClient[Any, Any, Any]] = {}
+        self._goals: dict[str, ClientGoalHandle[Any, Any, Any]] = {}
+        self._cancel_clients: dict[str, Client[CancelGoal.Request, CancelGoal.Response]] = {}
 
     def prepare(self, act: Act) -> None:
         """Make the client of an act now, so that its first call need not."""
@@ -91,7 +103,9 @@ class RosCalls:
             return await self._call_service(act, client, request_message(kind.Request, act.call.request))
         return await self._run_action(act, client, request_message(kind.Goal, act.call.request), who)
 
-    async def _call_service(self, act: Act, client: Any, request: Any) -> tuple[bool, str, Any]:
+    async def _call_service(
+        self, act: Act, client: Client[Request, Response], request: Request
+    ) -> tuple[bool, str, Any]:
         answered = await ask(client, request, act.timeout_s, REPEAT_S if act.is_urgent else act.timeout_s)
         if answered is None:
             return False, say("error.no_answer", name=act.call.name, wait=act.timeout_s), None
@@ -99,8 +113,10 @@ class RosCalls:
         success, message = answer_of(response)
         return success, message or ("" if success else say("error.refused", name=act.call.name)), response
 
-    async def _run_action(self, act: Act, client: Any, goal: Any, who: str) -> tuple[bool, str, Any]:
-        def on_feedback(message: Any) -> None:
+    async def _run_action(
+        self, act: Act, client: ActionClient[Goal, Result, Feedback], goal: Goal, who: str
+    ) -> tuple[bool, str, Any]:
+        def on_feedback(message: FeedbackMessage[Feedback]) -> None:
             self._on_feedback(act.name, message.feedback, who)
 
         sent = client.send_goal_async(goal, feedback_callback=on_feedback)
@@ -144,7 +160,9 @@ async def wait_until(condition: Callable[[], bool], timeout_s: float) -> bool:
     return True
 
 
-async def ask(client: Any, request: Any, timeout_s: float, repeat_s: float) -> Any | None:
+async def ask(
+    client: Client[Request, Response], request: Request, timeout_s: float, repeat_s: float
+) -> Future[Response] | None:
     """Ask, and again while no answer comes.
 
     Args:
@@ -157,7 +175,7 @@ async def ask(client: Any, request: Any, timeout_s: float, repeat_s: float) -> A
         the future that is done first; None when time is up.
     """
     end_s = time.monotonic() + timeout_s
-    asked: list[Any] = []
+    asked: list[Future[Response]] = []
     answered = None
     while answered is None and (left_s := end_s - time.monotonic()) > 0.0:
         asked.append(client.call_async(request))
@@ -169,12 +187,12 @@ async def ask(client: Any, request: Any, timeout_s: float, repeat_s: float) -> A
     return answered
 
 
-async def wait_for_answer(future: Any, timeout_s: float) -> bool:
+async def wait_for_answer(future: Future[Any], timeout_s: float) -> bool:
     """Wait for a future of rclpy without holding up the web's event loop; whether it is done in time."""
     loop = asyncio.get_running_loop()
     done = asyncio.Event()
 
-    def wake(_: Any) -> None:
+    def wake(_: object) -> None:
         loop.call_soon_threadsafe(done.set)
 
     future.add_done_callback(wake)

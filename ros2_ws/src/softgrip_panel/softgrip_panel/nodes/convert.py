@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
 from sensor_msgs.msg import JointState
 
 from softgrip_interfaces import msg as messages
@@ -58,7 +59,7 @@ NO_BOUND = 9.2e18
 DAY_S = 86400.0
 
 
-def _names(kind: Any, *names: str) -> dict[int, str]:
+def _names(kind: type[object], *names: str) -> dict[int, str]:
     """Return number -> name of constants of a message."""
     return {int(getattr(kind, name)): name for name in names}
 
@@ -379,7 +380,7 @@ def counted_views(response: ListGrasps.Response) -> tuple[CountedView, ...]:
     )
 
 
-def parameter_view(descriptor: Any, value: Any) -> ParameterView:
+def parameter_view(descriptor: ParameterDescriptor, value: ParameterValue) -> ParameterView:
     """Return a parameter by rcl_interfaces' descriptor and value."""
     kind = ParameterKind(value.type)
     found: Any = None if kind is ParameterKind.NOT_SET else getattr(value, kind.field)
@@ -399,7 +400,7 @@ def parameter_view(descriptor: Any, value: Any) -> ParameterView:
     )
 
 
-def answer_of(response: Any) -> tuple[bool, str]:
+def answer_of(response: object) -> tuple[bool, str]:
     """Return whether a service did what it was asked for, and its words."""
     if hasattr(response, "results"):  # of SetParameters
         return all(one.successful for one in response.results), "; ".join(

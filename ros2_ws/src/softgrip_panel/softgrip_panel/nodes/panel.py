@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import GetState
@@ -66,7 +66,15 @@ from softgrip_panel.texts import Texts, speak
 from softgrip_time.units import to_s
 
 if TYPE_CHECKING:
+    from rclpy.client import Client
+    from rclpy.task import Future
+
+    from softgrip_interfaces.action import SwapFingers
+    from softgrip_panel.web.server import WebServer
     from softgrip_panel.web.site import PanelSite
+
+Request = TypeVar("Request")
+Response = TypeVar("Response")
 
 #: How often streams are looked at while a page is open or a grasp goes on, and slow things always [s].
 SAMPLE_S, LOOK_S = 0.1, 1.0
@@ -116,7 +124,7 @@ class PanelNode(CellNode):
         for act in acts.EXAMPLES:
             self._calls.prepare_cancel(act)
         self._parameter_reader = RosParameters(self)
-        self._newest: dict[str, tuple[Any, bytes]] = {}
+        self._newest: dict[str, tuple[type[object], bytes]] = {}
         self._pictures = self._shapes = 0
         self._predicted: FingerStates | None = None
         self._overlay = ChainOverlay(values["watched_finger"], values["profiles_directory"], values["calibration_file"])
@@ -143,7 +151,7 @@ class PanelNode(CellNode):
         """Close the pages; the cell goes on as it is."""
         self._server.close()
 
-    def _open_site(self, values: dict[str, Any]) -> tuple[PanelSite, Any, str]:
+    def _open_site(self, values: dict[str, Any]) -> tuple[PanelSite, WebServer, str]:
         try:
             # an extra: a cell without it runs all the same
             from softgrip_panel.web.pages.every import add_pages  # noqa: PLC0415
@@ -209,7 +217,7 @@ class PanelNode(CellNode):
         ):
             self._keep_newest(kind, topic)
 
-    def _keep_newest(self, kind: Any, topic: str) -> None:
+    def _keep_newest(self, kind: type[object], topic: str) -> None:
         """Keep the newest message of a stream as bytes: most of them nobody looks at."""
 
         def keep(data: bytes) -> None:
@@ -316,7 +324,7 @@ class PanelNode(CellNode):
         self._counts_asked = counts
         self._ask(self._grasp_client, ListGrasps.Request(limit=200), self._on_grasps)
 
-    def _on_driver(self, future: Any) -> None:
+    def _on_driver(self, future: Future[GetParameters.Response]) -> None:
         values = future.result().values
         if len(values) == len(DRIVER_PARAMETERS):
             policy, hold, port, baud, tendons, ids, models = values
@@ -330,33 +338,33 @@ class PanelNode(CellNode):
                 servo_models=tuple(models.string_array_value),
             )
 
-    def _on_watch(self, future: Any) -> None:
+    def _on_watch(self, future: Future[GetParameters.Response]) -> None:
         values = future.result().values
         if len(values) == len(WATCH_PARAMETERS):
             watch, *limits = values
             self._state.watch_limits = WatchLimits.of(watch.string_value, *(one.double_value for one in limits))
 
-    def _on_phase(self, future: Any) -> None:
+    def _on_phase(self, future: Future[GetState.Response]) -> None:
         with self._state.locked() as state:
             state.bench = replace(state.bench, phase=future.result().current_state.label)
 
-    def _on_products(self, future: Any) -> None:
+    def _on_products(self, future: Future[ListProducts.Response]) -> None:
         response = future.result()
         if response.success:
             self._state.catalogue = convert.product_views(response)
             self._state.products = tuple(one.id for one in self._state.catalogue)
 
-    def _on_fingers(self, future: Any) -> None:
+    def _on_fingers(self, future: Future[ListFingers.Response]) -> None:
         response = future.result()
         if response.success:
             self._state.fingers = convert.finger_record_views(response)
 
-    def _on_grasps(self, future: Any) -> None:
+    def _on_grasps(self, future: Future[ListGrasps.Response]) -> None:
         response = future.result()
         if response.success:
             self._state.observe_counted(convert.counted_views(response))
 
-    def _on_friction(self, future: Any) -> None:
+    def _on_friction(self, future: Future[ListFrictionModels.Response]) -> None:
         response = future.result()
         if response.success:
             self._state.friction_models = convert.friction_model_views(response)
@@ -371,7 +379,9 @@ class PanelNode(CellNode):
             state.swap.observe_progress(convert.swap_progress(message, ahead_s))
 
     @staticmethod
-    def _ask(client: Any, request: Any, on_answer: Any) -> None:
+    def _ask(
+        client: Client[Request, Response], request: Request, on_answer: Callable[[Future[Response]], None]
+    ) -> None:
         """Call a service that is there."""
         if client.service_is_ready():
             client.call_async(request).add_done_callback(on_answer)
@@ -381,7 +391,7 @@ class PanelNode(CellNode):
         if self._audit_client.service_is_ready():
             self._audit_client.call_async(WriteAudit.Request(who=who, action=act, subject=subject, detail=detail))
 
-    def _on_accepted(self, act: str, goal: Any, goal_id: bytes, who: str) -> None:
+    def _on_accepted(self, act: str, goal: SwapFingers.Goal, goal_id: bytes, who: str) -> None:
         if act == "swap":
             with self._state.locked() as state:
                 state.swap.begin_swap(goal.finger_set, who, time.time(), goal_id.hex())

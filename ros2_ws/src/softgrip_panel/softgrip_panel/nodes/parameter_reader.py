@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters
 from rclpy.node import Node
@@ -13,6 +13,14 @@ from softgrip_panel.model.parameters import ParameterView
 from softgrip_panel.nodes.cell_calls import SERVER_WAIT_S, wait_for_answer, wait_until
 from softgrip_panel.nodes.convert import parameter_view
 from softgrip_panel.texts import say
+
+if TYPE_CHECKING:
+    from rclpy.client import Client
+
+    from softgrip_nodekit.node_io import ServiceType
+
+Request = TypeVar("Request")
+Response = TypeVar("Response")
 
 #: A node that does not answer within this is named [s].
 ANSWER_S: Final = 5.0
@@ -28,7 +36,7 @@ class RosParameters:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._clients: dict[str, Any] = {}
+        self._clients: dict[str, Client[Any, Any]] = {}
 
     def nodes(self) -> tuple[str, ...]:
         """Return the names of the cell's nodes that have parameters."""
@@ -53,10 +61,10 @@ class RosParameters:
         got = await self._ask(GetParameters, f"{node}/get_parameters", GetParameters.Request(names=names))
         return tuple(parameter_view(*pair) for pair in zip(described.descriptors, got.values, strict=False))
 
-    async def _ask(self, kind: Any, name: str, request: Any) -> Any:
+    async def _ask(self, kind: ServiceType[Request, Response], name: str, request: Request) -> Response:
         if name not in self._clients:
             self._clients[name] = self._node.create_client(kind, name)
-        client = self._clients[name]
+        client: Client[Request, Response] = self._clients[name]
         if not await wait_until(client.service_is_ready, SERVER_WAIT_S):
             raise PanelError(say("error.no_node", name=name, wait=SERVER_WAIT_S))
         future = client.call_async(request)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -65,7 +64,7 @@ def say(key: str, /, **values: object) -> str:
     return _Spoken.texts(key, **values)
 
 
-def _flat(node: Any, prefix: str) -> Mapping[str, str]:
+def _flat(node: object, prefix: str) -> Mapping[str, str]:
     if not isinstance(node, dict):
         return {prefix: str(node)}
     found: dict[str, str] = {}

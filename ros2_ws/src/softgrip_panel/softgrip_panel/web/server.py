@@ -6,7 +6,7 @@ from __future__ import annotations
 import socket
 import threading
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import uvicorn
 
@@ -60,9 +60,9 @@ class WebServer:
         certificate: PEM files of certificate and key, None = without TLS.
     """
 
-    def __init__(self, app: Any, bound: socket.socket, certificate: tuple[Path, Path] | None = None) -> None:
+    def __init__(self, app: object, bound: socket.socket, certificate: tuple[Path, Path] | None = None) -> None:
         self._bound = bound
-        tls: dict[str, Any] = {}
+        tls: dict[str, object] = {}
         if certificate is not None:
             tls = {"ssl_certfile": str(certificate[0]), "ssl_keyfile": str(certificate[1])}
         config = uvicorn.Config(

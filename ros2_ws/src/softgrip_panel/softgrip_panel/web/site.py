@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 from urllib.parse import parse_qs
 
 from fastapi import FastAPI
@@ -87,7 +87,7 @@ class PanelSite:
     lens: LensViews = field(default_factory=lambda: LensViews(None))
     calibration_file: str = ""
     watched_finger: str = "index"
-    log: Callable[[str], Any] = print
+    log: Callable[[str], object] = print
     label: Callable[[FingerRecordView, Texts], str] | None = None
 
     def __post_init__(self) -> None:
@@ -230,7 +230,7 @@ class PanelSite:
             self.viewers -= 1
             leaving.cancel()
 
-    async def _send_changes(self, socket: WebSocket, session: str, leaving: asyncio.Future[Any]) -> None:
+    async def _send_changes(self, socket: WebSocket, session: str, leaving: asyncio.Future[object]) -> None:
         sent_number, sent_tensions = -1, b""
         state = self.desk.state
         while not leaving.done() and self.sessions.find(socket.scope[TOKEN]) is not None:

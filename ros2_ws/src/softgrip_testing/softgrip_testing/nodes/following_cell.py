@@ -59,7 +59,7 @@ class FollowingCell(Node):
             response.token = "token"  # noqa: S105  of a test
         return response
 
-    def _answer(self, name: str, _request: Any, response: Any) -> Any:
+    def _answer(self, name: str, _request: object, response: Any) -> Any:
         return self.answer_service(name, response)
 
     def publish_more(self) -> None:

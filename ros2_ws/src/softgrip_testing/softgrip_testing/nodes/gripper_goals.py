@@ -20,7 +20,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING
 
 import rclpy
 from action_msgs.msg import GoalStatus
@@ -30,6 +30,9 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from softgrip_nodekit import SENSOR
+
+if TYPE_CHECKING:
+    _Client = ActionClient[ParallelGripperCommand.Goal, ParallelGripperCommand.Result, ParallelGripperCommand.Feedback]
 
 #: As in softgrip_bringup/controllers/gripper.yaml [m].
 TOLERANCE_M = 0.002
@@ -135,7 +138,7 @@ TEN_GOALS = (
 
 
 def outcome_of(
-    case: GoalCase, client: ActionClient, standing_m: float, until: Callable[[Callable[[], object]], None]
+    case: GoalCase, client: _Client, standing_m: float, until: Callable[[Callable[[], object]], None]
 ) -> GoalAnswer:
     """Send a goal and return how it ended.
 
@@ -205,12 +208,12 @@ class _GoalSender(Node):
 
     def __init__(self, action: str, joint: str, states: str) -> None:
         super().__init__("gripper_goals")
-        self.client = ActionClient(self, ParallelGripperCommand, action)
+        self.client: _Client = ActionClient(self, ParallelGripperCommand, action)
         self._positions_m: list[float] = []
         self._joint = joint
         self.create_subscription(JointState, states, self._on_state, SENSOR)
 
-    def _on_state(self, message: Any) -> None:
+    def _on_state(self, message: JointState) -> None:
         if self._joint in message.name:
             self._positions_m.append(message.position[list(message.name).index(self._joint)])
 

@@ -9,13 +9,19 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import rclpy
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from softgrip_testing.waiting import TEST_TIMEOUT_S
+
+if TYPE_CHECKING:
+    from rclpy.qos import QoSProfile
+    from rclpy.task import Future
+
+T = TypeVar("T")
 
 Start = Callable[..., "subprocess.Popen[str]"]
 
@@ -65,25 +71,25 @@ class Peer:
         self.node.destroy_node()
         rclpy.try_shutdown()
 
-    def wait(self, future: Any) -> Any:
+    def wait(self, future: Future[T]) -> T:
         """Return what a future becomes."""
         rclpy.spin_until_future_complete(self.node, future, timeout_sec=TEST_TIMEOUT_S)
         assert future.done(), "no answer in time"
         return future.result()
 
-    def call(self, kind: Any, name: str, **fields: Any) -> Any:
+    def call(self, kind: Any, name: str, **fields: object) -> Any:
         """Return a service's answer."""
         client = self.node.create_client(kind, name)
         assert client.wait_for_service(timeout_sec=TEST_TIMEOUT_S), name
         return self.wait(client.call_async(kind.Request(**fields)))
 
-    def trigger(self, name: str) -> Any:
+    def trigger(self, name: str) -> Trigger.Response:
         """Return the answer of a std_srvs/Trigger."""
         return self.call(Trigger, name)
 
-    def hear(self, kind: Any, topic: str, qos: Any) -> list[Any]:
+    def hear(self, kind: type[T], topic: str, qos: QoSProfile | int) -> list[T]:
         """Return a list that grows by every message of a topic."""
-        heard: list[Any] = []
+        heard: list[T] = []
         self.node.create_subscription(kind, topic, heard.append, qos)
         return heard
 

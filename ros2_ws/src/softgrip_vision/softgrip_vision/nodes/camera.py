@@ -13,7 +13,6 @@ import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import cv2
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -274,7 +273,7 @@ class CameraNode(CellNode):
         status = self._capture.status
         age = to_s(self.get_clock().now().nanoseconds - self._last_stamp_ns) if self._published else float("inf")
         health, message = self._judge(status, age)
-        values: dict[str, Any] = {
+        values: dict[str, object] = {
             "state": status.state.value,
             "frame_age_s": f"{age:.4f}",
             "frames_captured": status.frames,

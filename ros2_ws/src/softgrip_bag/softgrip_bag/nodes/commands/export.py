@@ -8,7 +8,6 @@ import csv
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from rclpy.serialization import deserialize_message
 from rich.console import Console
@@ -19,7 +18,7 @@ from softgrip_bag.extras import importing
 from softgrip_bag.nodes.messages import flat, message_class, tree
 from softgrip_bag.nodes.recorded_bag import RecordedBag
 
-Row = dict[str, Any]
+Row = dict[str, object]
 
 
 def main(args: Sequence[str] | None = None) -> int:
