@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -168,6 +170,17 @@ def test_every_other_field_keeps_its_value_and_a_new_one_is_empty(bag: Path) -> 
     assert (model.cable_radius, model.degrees_of_freedom, model.points) == (1.0, 16, 17)
     assert (model.cable, model.reason, model.digest) == ("text 18", "text 22", "")
     assert (raw.received, raw.published) == (1_000, 1_000)
+
+
+def test_info_into_a_pipe_that_is_closed_says_nothing(bag: Path) -> None:
+    code = "import time; time.sleep(0.5); from softgrip_bag.nodes.commands.info import main; main()"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(bag)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as command:
+        assert command.stdout is not None
+        assert command.stderr is not None
+        command.stdout.close()
+        assert command.stderr.read() == ""
 
 
 def test_report_and_info_tell_what_the_bag_meant(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:

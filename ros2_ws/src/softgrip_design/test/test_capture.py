@@ -135,6 +135,14 @@ def test_bad_images_and_absent_cameras_are_refused(tmp_path: Path) -> None:
         record_camera(97, 1.0, tmp_path / "c.avi")
 
 
+def test_a_film_that_is_not_there_is_named_before_the_detector_is_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "MediaPipeDetector", lambda: pytest.fail("it was loaded"))
+    assert command.main([str(tmp_path / "hand.mp4")]) == 2
+    assert f"expected a film, a folder of images or camera, found nothing at {tmp_path}" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -31,8 +31,8 @@ CANNOT_START = 2
 #: [s] how long device files may take to appear at start, and between looks.
 DEVICE_WAIT = 6.0
 DEVICE_POLL = 0.02
-#: [s] for the middleware to take leave of the others; launch sends its next signal after five.
-SHUTDOWN_TIMEOUT_S = 3.0
+#: [s] for the middleware to take leave of the others, on a busy computer too; launch kills after ten.
+SHUTDOWN_TIMEOUT_S = 7.0
 #: [s] that making hardware safe may take before stderr shows what it waits for.
 CLOSING_S = 10.0
 STDERR = 2
@@ -211,7 +211,8 @@ def _await_devices(paths: Sequence[Path]) -> None:
 
 
 def _leave(node: CellNode | None, executor: Executor | None) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not cut the way to safe short
+    for number in (signal.SIGINT, signal.SIGTERM):  # a second Ctrl-C, launch's own after five seconds
+        signal.signal(number, signal.SIG_IGN)  # must not cut the way to safe short
     faulthandler.dump_traceback_later(CLOSING_S, file=STDERR)
     try:
         if node is not None:

@@ -56,6 +56,8 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the command; 0 when a motion was found, 1 when a hand but no motion, 2 when the source cannot be used."""
     options = parser().parse_args(args)
     try:
+        if not _is_camera(options.source) and not Path(options.source).exists():  # before MediaPipe is loaded
+            raise DesignError(f"expected a film, a folder of images or camera, found nothing at {options.source}")
         with MediaPipeDetector() as detector:
             return capture(options, detector)
     except (DesignError, OSError) as error:
@@ -91,9 +93,13 @@ def capture(options: argparse.Namespace, detector: HandDetector) -> int:
     return 0 if grasps else 1
 
 
+def _is_camera(source: str) -> bool:
+    return source == "camera" or source.startswith("camera:")
+
+
 def _source(options: argparse.Namespace, progress: Progress) -> Source:
     text: str = options.source
-    if text == "camera" or text.startswith("camera:"):
+    if _is_camera(text):
         number = text.partition(":")[2] or "0"
         if not number.isdigit():
             raise DesignError(f"expected camera or camera:<number>, found {text!r}")

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
@@ -21,6 +22,8 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="ros2 bag info", description=__doc__)
     parser.add_argument("bag", type=Path, help="folder of the bag, or one .mcap file")
     options = parser.parse_args(args)
+    if args is None:
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # `info BAG | head` ends as other commands do
     try:
         print(text(options.bag, statistics(options.bag)))
     except BagError as error:
