@@ -171,8 +171,15 @@ def test_the_hand_and_the_servo_plate_are_named_in_the_picture() -> None:
     forms = (*palm_forms(HAND), drives.servo_plate(face, 10.0, 3), drives.spool(face, 10.0, 0.125, 3))
     solids = {form.name: make_solid(form) for form in forms}
     bodies = assembly_bodies(HAND, solids, horns)
-    assert [body.name for body in bodies] == ["palm", "plate to the arm", "servo plate", "spools", "", ""]
-    palm, _, plate, *spools = (body.vertices for body in bodies)
+    names = ["palm", "plate to the arm", "servo plate", "servos", "", "", "spools", "", ""]
+    assert [body.name for body in bodies] == names
+    palm, _, plate, *others = (body.vertices for body in bodies)
+    servos, spools = others[:3], others[3:]
+    for servo, spool in zip(servos, spools, strict=True):
+        # below the plate, its axis where the spool stands
+        assert servo[:, 2].max() == pytest.approx(plate[:, 2].min())
+        assert (servo[:, :2].min(axis=0) < spool[:, :2].mean(axis=0)).all()
+        assert (servo[:, :2].max(axis=0) > spool[:, :2].mean(axis=0)).all()
     assert plate[:, 0].min() > palm[:, 0].max()
     # each spool stands over a horn's hole of its plate: apart from each other, inside the plate's outline
     middles = [0.5 * (one.min(axis=0) + one.max(axis=0)) for one in spools]
@@ -180,6 +187,17 @@ def test_the_hand_and_the_servo_plate_are_named_in_the_picture() -> None:
     for one in spools:
         assert (one[:, :2].min(axis=0) > plate[:, :2].min(axis=0)).all()
         assert (one[:, :2].max(axis=0) < plate[:, :2].max(axis=0)).all()
+
+
+def test_a_sheath_goes_from_the_foot_to_the_plates_ridge(index: Solid) -> None:
+    plate = make_solid(drives.servo_plate(drives.FACES[0], 10.0, 3))
+    *_, drawn_plate, sheath = assembly_bodies(HAND, {index.form.name: index, plate.form.name: plate})
+    assert sheath.name == "sheath"
+    foot_end = (
+        finger_pose(HAND.slots["index"]).matrix @ (palm_seat(HAND, "index").end_mm, -5.38 * 0.5**0.5, 0.0, 1.0)
+    )[:3]
+    assert np.linalg.norm(sheath.vertices - foot_end, axis=1).min() < 3.0
+    assert sheath.vertices[:, 0].max() == pytest.approx(drawn_plate.vertices[:, 0].min(), abs=0.1)
 
 
 @pytest.mark.parametrize("face", drives.FACES, ids=lambda face: face.name)
