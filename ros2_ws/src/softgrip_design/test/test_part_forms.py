@@ -271,6 +271,16 @@ def test_the_kit_names_every_part_once_and_the_bill_adds_up() -> None:
     assert "124.0" in text
 
 
+def test_the_bill_of_five_fingers_has_a_cross_pin_for_each_slot() -> None:
+    """Side of the palm + 6.2 mm of foot + 6 mm of thread, the next shorter length: 15, 35 and 45 mm of side."""
+    five = load_hand(Path(__file__).parents[4] / "benchmarks/design/five_fingers.yaml")
+    form = made(SETS["power"].finger("index"))
+    kit = Kit(SETS["power"], five, dict.fromkeys(five.slots, form), ())
+    pins = {row.use.split()[-1]: row.title for row in bought_rows(kit, 10.0) if row.use.startswith("cross pin")}
+    lengths = {"index": 25, "middle": 45, "ring": 45, "little": 25, "thumb": 50}
+    assert pins == {slot: f"screw M3 x {length}, ISO 4762" for slot, length in lengths.items()}
+
+
 def test_the_bill_has_a_screw_for_every_hole_of_m4_and_a_nut_behind_the_board() -> None:
     """Holes of 4.5 mm are those of M4; the guide blocks are mounted one at a time."""
     kit = whole_kit(SETS["power"], HAND, 10.0)
