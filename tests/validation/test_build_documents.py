@@ -12,16 +12,21 @@ import pytest
 
 from softgrip_demo.first_run import camera_steps
 from softgrip_demo.first_run.cube import TEST_CUBE
-from softgrip_design.parts import drives
-from softgrip_design.parts.bill import TURNS
+from softgrip_description.hand import shipped_hand
+from softgrip_design.parts import drives, foot, palm
+from softgrip_design.parts.bill import TURNS, bought_rows
+from softgrip_design.parts.kit import whole_kit
 from softgrip_driver.damiao import frames as damiao
 from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_driver.feetech import registers as feetech
+from softgrip_driver.rig.plan import NINE_ANGLES_DEG, NINE_LOADS_KG
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.units import TorqueModel
 from softgrip_driver.wizard.direction import SpoolPull
 from softgrip_driver.wizard.tensioning import SETTLED_M, TensioningPlan
 from softgrip_driver.wizard.wizard import WizardSettings
+from softgrip_model.profile import load as load_profile
+from softgrip_model.profile import shipped_directory
 from softgrip_testing.scripts import load_script
 from softgrip_vision.calibrating.plane import LARGEST_RMS
 
@@ -89,7 +94,7 @@ def test_the_turns_on_a_spool_are_those_of_its_radius_and_the_tendons_way() -> N
     limits, one_turn_m = TendonLimits(), 2.0 * math.pi * WizardSettings(Path()).spool_radius_m
     winding, bench = (ROOT / "docs/build/winding.md").read_text(), (ROOT / "docs/bench.md").read_text()
     assert TURNS == 3.0
-    assert "wind three turns side by side" in winding
+    assert "Wind three turns side by side" in winding
     assert "Wind three turns, side by side" in bench
     assert "3 turns on it while the finger is straight" in (ROOT / "docs/parts.md").read_text()
     assert f"one turn is {1e3 * one_turn_m:.0f} mm" in winding
@@ -101,3 +106,66 @@ def test_the_turns_on_a_spool_are_those_of_its_radius_and_the_tendons_way() -> N
     assert math.exp(2.0 * math.pi * round(min_turns, 1) * 0.1) == pytest.approx(6.2, abs=0.05)
     assert f"{max_turns:.1f} turns\nof 0.25 mm are {max_turns * 0.25:.0f} mm wide" in winding
     assert f"in a groove of {drives.GROOVE_MM:g} mm" in winding
+
+
+def test_what_is_bought_is_what_the_parts_have_holes_for() -> None:
+    kit = whole_kit(load_profile(shipped_directory() / "power.yaml"), shipped_hand(), 10.0)
+    rows = {(row.title, row.use): row.amount for row in bought_rows(kit, 10.0)}
+    bill = (ROOT / "docs/build/bill.md").read_text()
+    pins = [
+        title.removeprefix("screw ").removesuffix(", ISO 4762") for title, use in rows if use.startswith("cross pin")
+    ]
+    assert pins == ["M3 x 30", "M3 x 30", "M3 x 40"]
+    assert "| cross pin | 2, 1 | screw M3 x 30 (index, middle), M3 x 40 (thumb), ISO 4762 |" in bill
+    m4 = {
+        title.split(" x ")[1].split(",")[0]: amount
+        for (title, _), amount in rows.items()
+        if title.startswith("screw M4")
+    }
+    row = next(line for line in bill.splitlines() if line.startswith("| screws M4"))
+    lengths = re.findall(r"x (\d+) \(", row)
+    assert row.split(" | ")[1] == ", ".join(m4[length] for length in lengths)
+    assert {*lengths} == {*m4}
+    nuts = next(amount for (title, _), amount in rows.items() if title.startswith("nut M4"))
+    assert f"| nuts M4, ISO 4032 | {nuts} |" in bill
+    one = {name: amount for (name, _), amount in rows.items()}
+    assert f"| crimp bead | {one['crimp bead 2 mm']} |" in bill
+    assert f"| markers | {one['dot 5 mm, green']} |" in bill
+    assert f"| screws M6 | {one['screw M6 x 12, ISO 4762']} |" in bill
+    plates, spools = (one[f"screw {name}"] for name, _ in drives.FACES[0].screws)
+    assert f"| screws of the servos | {plates}, {spools} | XL330: M2 x 10 (plate), M2 x 12 (spool)" in bill
+
+
+def test_the_page_of_assembly_has_the_places_and_screws_of_the_parts() -> None:
+    page = " ".join((ROOT / "docs/build/winding.md").read_text().split())
+    face, hand = drives.FACES[0], shipped_hand()
+    assert f"hole of {2.0 * (face.horn_radius_mm + drives.PLAY_MM):g} mm: {face.screws[0][1]} M2 x 10" in page
+    spool = drives.spool(face, 10.0, 0.125, 3)
+    collar = max(corner.x_mm for corner in spool.bodies[0].outline)
+    assert f"its collar ({2.0 * collar:g} mm) towards the servo" in page
+    assert spool.bodies[0].start_mm == 0.0, "the collar is the lowest"
+    assert max(bore.start[2] for bore in spool.bores) > spool.bodies[2].start_mm, "the knot hole is in the upper rim"
+    plate = drives.servo_plate(face, 10.0, 3)
+    axes = [x for x, _, _ in drives.horn_places_mm(face, 10.0, 3)]
+    holes = [bore.start[0] for bore in plate.bores if bore.radius_mm == drives.CABLE_RADIUS_MM]
+    assert "axes at {:g}, {:g} and {:g} mm".format(*axes) in page
+    assert "holes at {:g}, {:g} and {:g} mm".format(*holes) in page
+    assert {axis - hole for axis, hole in zip(axes, holes, strict=True)} == {10.0}
+    window = (axes[-1] - axes[0] + face.case_mm[0] + 4.0, face.case_mm[1] + 4.0)  # 2 mm beside the cases
+    assert "window of {:g} x {:g} mm".format(*window) in page
+    board = [bore for bore in plate.bores if bore.radius_mm == drives.M4_MM]
+    assert min(abs(bore.start[0]) - bore.radius_mm for bore in board) > 0.5 * window[0], "its screws hold beside it"
+    pins = {name: palm.pin_screw(hand, name) for name in hand.slots}
+    assert {name: one.length_mm for name, one in pins.items()} == {"index": 30.0, "middle": 30.0, "thumb": 40.0}
+    assert f"{pins['index'].sunk_mm:.1f} mm and {pins['thumb'].sunk_mm:.1f} mm below the side" in page
+    assert f"{foot.SHEATH_DEPTH_MM:g} mm of it into the end of the foot" in page
+    servo_plate_end = max(bore.end[1] for bore in plate.bores)
+    assert {bore.end[1] for bore in plate.bores if bore.radius_mm == foot.SHEATH_RADIUS_MM} == {servo_plate_end}
+
+
+def test_the_rigs_pages_name_the_nine_points_of_the_plan() -> None:
+    angles = "{:g}, {:g} and {:g} deg".format(*NINE_ANGLES_DEG)
+    loads = "{:g}, {:g} and {:.1f} kg".format(*NINE_LOADS_KG)
+    rig, printing = ((ROOT / f"docs/build/{name}.md").read_text() for name in ("rig", "printing"))
+    assert f"guide blocks of {angles}; weights of {loads}" in rig
+    assert f"guide blocks of {angles} only" in printing

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 from html import escape
 from itertools import pairwise
 from pathlib import Path
 
 from softgrip_description.hand import shipped_hand
-from softgrip_design.parts import bench, bill, drives, finger_form
+from softgrip_design.parts import bench, bill, drives, finger_form, foot, palm, screws
+from softgrip_design.parts.forms import Form, Prism
 from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_driver.nodes.tendon_parameters import PARAMETERS
 from softgrip_driver.tendon.limits import TendonLimits
+from softgrip_driver.wizard.wizard import WizardSettings
 from softgrip_model.profile import load, shipped_directory
 
 FIGURES = Path(__file__).resolve().parents[2] / "docs/figures"
@@ -71,6 +74,17 @@ class Drawing:
             f'<circle cx="{x:g}" cy="{y:g}" r="{radius:g}" fill="{fill}" stroke="{colour}" stroke-width="1.5"/>'
         )
 
+    def rectangle(self, x: float, y: float, width: float, height: float, fill: str, colour: str = INK) -> None:
+        """Draw a rectangle with sharp corners."""
+        self._parts.append(
+            f'<rect x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}" fill="{fill}" stroke="{colour}"/>'
+        )
+
+    def polygon(self, points: Sequence[tuple[float, float]], fill: str) -> None:
+        """Draw a polygon."""
+        path = " ".join(f"{x:g},{y:g}" for x, y in points)
+        self._parts.append(f'<polygon points="{path}" fill="{fill}" stroke="{INK}"/>')
+
     def svg(self) -> str:
         """Return the picture."""
         width, height = self._size
@@ -90,8 +104,9 @@ class Drawing:
 def wiring() -> str:
     """Return how the servos are fed, fused and stopped."""
     volts, amperes = SERVO.rated_voltage, SERVOS * SERVO.stall_current
+    slots = tuple(shipped_hand().slots)
     drawing = Drawing(
-        860, 300, "Wiring: supply, fuse, emergency stop, power hub, servos; the adapter carries data only"
+        960, 300, "Wiring: supply, fuse, emergency stop, power hub, servos; the adapter carries data only"
     )
     drawing.box(20, 40, 150, 70, f"supply\n{volts:g} V, above {amperes:.1f} A")
     drawing.box(210, 40, 110, 70, f"fuse\n{math.ceil(amperes):g} A", RUST)
@@ -102,10 +117,10 @@ def wiring() -> str:
     drawing.line((95, 110), (95, 150), (625, 150), (625, 110), width=2.5)
     drawing.text(330, 143, "- straight through")
     for number in range(SERVOS):
-        x = 560 + 100 * number - 100 * (number // SERVOS)
-        drawing.box(x, 210, 80, 60, f"servo {number + 1}\nID {number + 1}")
+        x = 560 + 132 * number
+        drawing.box(x, 210, 120, 60, f"servo of {slots[number]}\ngets ID {number + 1}")
         if number:
-            drawing.line((x - 20, 240), (x, 240), colour=GREEN, width=2.5)
+            drawing.line((x - 12, 240), (x, 240), colour=GREEN, width=2.5)
     drawing.line((600, 110), (600, 210), colour=GREEN, width=2.5)
     drawing.text(610, 185, "one cable from servo to servo", GREEN)
     drawing.box(360, 205, 150, 70, "adapter (U2D2)\nfeeds no servo")
@@ -117,71 +132,251 @@ def wiring() -> str:
 
 
 def spool() -> str:
-    """Return how a tendon is wound on a spool."""
-    limits = TendonLimits()
-    drawing = Drawing(760, 330, "Spool: the tendon comes off on one side; knot hole, turns side by side, loose tendon")
-    x, y, radius = 170.0, 165.0, 80.0
-    drawing.circle(x, y, radius + 18)
-    drawing.circle(x, y, radius)
-    drawing.circle(x, y, 14)
-    drawing.circle(x - 46, y + 46, 5, RUST, RUST)
-    drawing.text(x - 40, y + 70, "knot hole", RUST)
-    drawing.line((x, y), (x + radius * math.cos(-0.9), y + radius * math.sin(-0.9)), colour=SOFT)
-    drawing.text(x - 66, y - 24, "spool_radius_m", SOFT)
-    drawing.line((x, y - radius), (470, y - radius), colour=GREEN, width=2.5, arrow=True)
-    drawing.text(300, y - radius - 10, "to the finger", GREEN)
-    arc = [(x + 112 * math.cos(a / 20), y + 112 * math.sin(a / 20)) for a in range(-24, 12)]
-    drawing.line(*reversed(arc), colour=RUST, width=2, arrow=True)
-    drawing.text(292, 178, "this way round pulls:", RUST)
-    drawing.text(292, 196, "direction 1 where the servo counts up, else -1;", RUST)
-    drawing.text(292, 214, "the wizard finds it", RUST)
+    """Return how a tendon is wound on a spool: seen from outside, and cut along its axis."""
+    limits, face = TendonLimits(), drives.FACES[0]
+    cable_mm = 1e3 * load(shipped_directory() / "power.yaml").cable.radius_m
+    radius_mm = 1e3 * WizardSettings(Path()).spool_radius_m
+    form = drives.spool(face, radius_mm, cable_mm, SERVOS)
+    boss, *screws, hole, seat = form.bores
+    rim_mm, floor_mm, scale = radius_mm + drives.RIM_HEIGHT_MM, radius_mm - cable_mm, 8.0
+    title = "Spool, from outside and cut: the tendon comes off on one side; knot hole in the outer rim"
+    drawing = Drawing(880, 430, title)
+    x, y = 190.0, 190.0
+    drawing.circle(x, y, scale * rim_mm, INK, "#eef2f0")
+    drawing.circle(x, y, scale * floor_mm, SOFT)
+    drawing.circle(x, y, scale * boss.radius_mm, INK, PAPER)
+    for bore in screws:
+        drawing.circle(x + scale * bore.start[0], y - scale * bore.start[1], scale * bore.radius_mm, INK, PAPER)
+    at = (x + scale * hole.start[0], y - scale * hole.start[1])
+    drawing.circle(*at, scale * seat.radius_mm, RUST, PAPER)
+    drawing.circle(*at, scale * hole.radius_mm, RUST, RUST)
+    drawing.line((at[0] + 8, at[1] - 10), (300, 66), colour=RUST)
+    drawing.text(304, 62, f"knot hole {2.0 * hole.radius_mm:g} mm in the outer rim,", RUST)
+    drawing.text(304, 79, f"round it a recess of {2.0 * seat.radius_mm:g} mm", RUST)
+    angle = math.radians(-68.0)
+    end = (x + scale * radius_mm * math.cos(angle), y - scale * radius_mm * math.sin(angle))
+    drawing.line((x, y), end, colour=SOFT, arrow=True)
+    drawing.text(x + 44, y + 112, f"spool_radius_m: {1e-3 * radius_mm:.3f},", SOFT)
+    drawing.text(x + 44, y + 129, "to the middle of the tendon", SOFT)
+    left = x - scale * radius_mm
+    drawing.line((left, y), (left, 22), colour=GREEN, width=2.5, arrow=True)
+    drawing.text(left - 8, 18, "to the ridge of the plate", GREEN)
+    arc = [(x + 66 * math.cos(a / 20), y - 66 * math.sin(a / 20)) for a in range(52, 80)]
+    drawing.line(*arc, colour=RUST, width=2, arrow=True)
+    drawing.text(x - 16, y + 50, "pulls", RUST, "end")
+    drawing.text(x, 350, "seen from outside, ridge of the plate above", SOFT, "middle")
+    drawing.text(620, 350, "cut along its axis", SOFT, "middle")
+    _spool_cut(drawing, form, (620.0, 250.0))
     turns = f"{bill.TURNS:g} turns while the finger is straight, side by side in the groove of {drives.GROOVE_MM:g} mm"
-    drawing.text(20, 288, turns)
+    drawing.text(20, 378, turns)
     travel = f"homing lets out {1e3 * limits.slack_travel:g} mm and winds in {1e3 * limits.homing_travel:g} mm at most"
-    drawing.text(20, 310, travel)
+    drawing.text(20, 398, travel)
+    drawing.text(20, 418, "direction is 1 where the servo counts up as it pulls, else -1: the wizard finds it")
     return drawing.svg()
 
 
-def figure_eight(points: int) -> list[tuple[float, float, float]]:
-    """Return a figure-eight knot, opened where it is farthest out: x, y on the page, z towards the eye.
+def _spool_cut(drawing: Drawing, form: Form, at: tuple[float, float]) -> None:
+    """Draw a spool cut along its axis and through the knot hole, the servo below it."""
+    scale = 10.0
+    x, y = at
+    neck, inner, floor, outer = form.bodies
+    hole, seat = form.bores[-2:]
+    top = outer.end_mm
 
-    The closed knot is x = (2 + cos 2t) cos 3t, y = (2 + cos 2t) sin 3t, z = sin 4t (E. W. Weisstein, Figure Eight Knot,
-    MathWorld); its four crossings go over and under by turns.
+    def half(prism: Prism) -> float:
+        return max(corner.x_mm for corner in prism.outline)
+
+    def band(prism: Prism, low: float, high: float) -> None:
+        wide = half(prism)
+        drawing.rectangle(x - scale * wide, y - scale * high, 2.0 * scale * wide, scale * (high - low), "#eef2f0")
+
+    band(neck, 0.0, inner.start_mm)
+    band(inner, inner.start_mm, inner.end_mm)
+    band(floor, inner.end_mm, outer.start_mm)
+    band(outer, outer.start_mm, top)
+    place = math.hypot(*hole.start[:2])
+    for bore, low in ((hole, outer.start_mm), (seat, seat.start[2])):
+        drawing.rectangle(
+            x + scale * (place - bore.radius_mm), y - scale * top, 2.0 * scale * bore.radius_mm, scale * (top - low),
+            PAPER, RUST,
+        )  # fmt: skip
+    beads = x + scale * place
+    bead = y - scale * (seat.start[2] + 0.5 * drives.BEAD_MM)
+    groove = y - scale * (inner.end_mm + 2.0)
+    drawing.line((beads - 3, groove), (beads, y - scale * outer.start_mm), (beads, bead - 34), colour=GREEN, width=2.5)
+    drawing.circle(beads, bead, 0.5 * scale * drives.BEAD_MM, INK, "#cfd8d3")
+    drawing.circle(beads, bead - 17, 6, GREEN, GREEN)
+    drawing.text(beads + 16, bead - 18, "knot", GREEN)
+    drawing.text(beads + 16, bead + 3, f"bead {drives.BEAD_MM:g} mm", INK)
+    for turn in range(int(bill.TURNS)):
+        for side in (-1.0, 1.0):
+            drawing.circle(
+                x + side * (scale * half(floor) + 2.5), y - scale * inner.end_mm - 8 - 6 * turn, 2.5, GREEN, GREEN
+            )
+    drawing.text(x, y - scale * 0.5 * (inner.end_mm + outer.start_mm) + 5, f"groove {drives.GROOVE_MM:g} mm", INK,
+                 "middle")  # fmt: skip
+    drawing.rectangle(x - scale * half(neck), y, 2.0 * scale * half(neck), 22, PAPER)
+    drawing.text(x, y + 15, "horn of the servo", SOFT, "middle")
+    drawing.line((x - scale * half(neck) - 22, y - 6), (x - scale * half(neck), y - 6), colour=SOFT, arrow=True)
+    drawing.text(x - scale * half(neck) - 26, y - 2, f"collar {2.0 * half(neck):g} mm", SOFT, "end")
+    drawing.text(x - scale * half(inner) - 8, y - scale * top + 12, "outer rim", SOFT, "end")
+
+
+#: From the middle of a figure-eight knot to its end: x, y on the page, z towards the eye; the other half is this one
+#: turned about the middle with z reversed. Four crossings, over and under by turns: only this knot has them (4_1 of
+#: Rolfsen's table).
+HALF_KNOT = (
+    (0.0, 0.0, 0.0), (-1.5, 0.9, -1.0), (-2.9, 1.3, 0.0), (-3.4, 0.2, 0.0), (-2.6, -0.9, 1.0), (-1.3, -2.1, 0.0),
+    (0.2, -2.2, 0.0), (1.5, -0.9, -1.0), (2.6, 0.9, 1.0), (4.0, 2.8, 0.0),
+)  # fmt: skip
+
+
+def figure_eight(between: int) -> list[tuple[float, float, float]]:
+    """Return a figure-eight knot in an open strand, from end to end; its ends leave on opposite sides.
+
+    Args:
+        between: points from one of its knots to the next (Catmull-Rom).
     """
-    opening = 0.12
-    turns = (opening + (2.0 * math.pi - 2.0 * opening) * k / (points - 1) for k in range(points))
-    return [
-        (
-            (2.0 + math.cos(2.0 * t)) * math.cos(3.0 * t),
-            (2.0 + math.cos(2.0 * t)) * math.sin(3.0 * t),
-            math.sin(4.0 * t),
-        )
-        for t in turns
-    ]
+    other = [(-x, -y, -z) for x, y, z in HALF_KNOT[:0:-1]]
+    points = [*other, *HALF_KNOT]
+    points = [points[0], *points, points[-1]]
+    made = []
+    for a, b, c, d in zip(points, points[1:], points[2:], points[3:], strict=False):
+        for k in range(between):
+            t = k / between
+            made.append(
+                tuple(
+                    0.5 * (2.0 * q + (s - p) * t + (2.0 * p - 5.0 * q + 4.0 * s - w) * t**2
+                           + (3.0 * (q - s) + w - p) * t**3)
+                    for p, q, s, w in zip(a, b, c, d, strict=True)
+                )
+            )  # fmt: skip
+    return [(x, y, z) for x, y, z in made] + [HALF_KNOT[-1]]
+
+
+def strand(
+    drawing: Drawing, at: tuple[float, float], share: float, scale: float, width: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Draw a share of the knot, from its beginning; return where it begins and ends.
+
+    Args:
+        drawing: to draw on.
+        at: its middle.
+        share: of its points.
+        scale: [px] of a unit.
+        width: of the strand [px].
+    """
+    whole = [(at[0] + scale * x, at[1] - scale * y, z) for x, y, z in figure_eight(40)]
+    line = whole[: max(2, round(share * len(whole)))]
+    # the farther pieces first: what is drawn later lies above, with a margin of paper
+    pieces = [line[k : k + 12] for k in range(0, len(line) - 1, 10)]
+    for piece in sorted(pieces, key=lambda one: one[len(one) // 2][2]):
+        points = [(x, y) for x, y, _ in piece]
+        if piece[len(piece) // 2][2] > 0.3 and len(points) > 4:
+            drawing.line(*points[1:-2], colour=PAPER, width=width + 6.0)
+        drawing.line(*points, colour=GREEN, width=width)
+    return line[0][:2], line[-1][:2]
 
 
 def knot() -> str:
-    """Return the stopper knot, open, as it is tied before it is pulled tight."""
-    drawing = Drawing(760, 330, "Figure-eight stopper knot at the end of the tendon, open: four crossings, by turns")
-    x, y, scale = 170.0, 165.0, 44.0
-    strand = [(x + scale * u, y - scale * v, z) for u, v, z in figure_eight(720)]
-    # the farther half first: what is drawn later lies above, with a margin of paper
-    pieces = [strand[k : k + 14] for k in range(0, len(strand) - 1, 12)]
-    for piece in sorted(pieces, key=lambda one: one[len(one) // 2][2]):
-        line = [(u, v) for u, v, _ in piece]
-        drawing.line(*line[1:-2], colour=PAPER, width=15)
-        drawing.line(*line, colour=GREEN, width=6)
-    for side, text in ((0, "to the groove of the spool, through the knot hole"), (-1, "end of the tendon: leave 5 mm")):
-        u, v, _ = strand[side]
-        away = -1.0 if v < y else 1.0
-        # half a turn of a lobe's end leads away from the knot
-        bend = [(u + 60 * (1.0 - math.cos(a / 20)) + 22 * a / 20, v - away * 38 * math.sin(a / 20)) for a in range(28)]
-        drawing.line(*bend, colour=GREEN, width=6)
-        drawing.text(bend[-1][0] + 14, bend[-1][1] + 5, text)
-    for number, text in enumerate(("make a loop", "lead the end round behind the tendon", "and back through the loop")):
-        drawing.text(430, 20 + 18 * number, f"{number + 1}. {text}", SOFT)
-    drawing.text(430, 20 + 18 * 3, "4. pull it tight before the tendon is wound", SOFT)
+    """Return the stopper knot as it is tied, in four pictures."""
+    drawing = Drawing(940, 290, "Figure-eight stopper knot, tied in four steps; its crossings are numbered")
+    #: how much of the strand is drawn, number of the new crossings with their places, what is done
+    steps = (
+        (12.5, ((1, -1.5, 0.9),), "1. make a loop: the end", "goes behind the tendon (1)"),
+        (15.0, ((2, -2.6, -0.9),), "2. lead it round, before", "the tendon (2)"),
+        (18.0, ((3, 1.5, -0.9), (4, 2.6, 0.9)), "3. through the loop: behind", "one side (3), before the other (4)"),
+    )
+    for number, (last, crossings, *texts) in enumerate(steps):
+        at, scale = (120.0 + 236.0 * number, 110.0), 24.0
+        _, end = strand(drawing, at, last / 18.0, scale, 5.0)
+        drawing.circle(*end, 5, RUST, RUST)
+        for name, x, y in crossings:
+            dx, dy = (-4, -14) if y > 0 else (4, 24)
+            drawing.text(at[0] + scale * x + dx, at[1] - scale * y + dy, f"{name}", RUST, "middle", bold=True)
+        for row, text in enumerate(texts):
+            drawing.text(at[0], 216 + 18 * row, text, INK, "middle")
+    at = (830.0, 110.0)
+    begin, end = strand(drawing, at, 1.0, 8.5, 9.0)
+    drawing.line((at[0] - 95, begin[1] + 6), begin, colour=GREEN, width=9)
+    drawing.line(end, (at[0] + 70, end[1] - 6), colour=GREEN, width=9)
+    drawing.circle(at[0] + 70, end[1] - 6, 6, RUST, RUST)
+    drawing.text(at[0], 216, "4. pull at both ends: it sits", INK, "middle")
+    drawing.text(at[0], 234, "close behind the bead", INK, "middle")
+    drawing.text(20, 274, "green: from the spool's groove, through knot hole and bead", GREEN)
+    drawing.text(920, 274, "red: the end; leave 5 mm of it", RUST, "end")
     return drawing.svg()
+
+
+def assembly() -> str:
+    """Return what is screwed to what, in five steps."""
+    face, hand = drives.FACES[0], shipped_hand()
+    pins = ", ".join(f"{name}: {palm.pin_screw(hand, name).name.split(',')[0]}" for name in hand.slots)
+    (plate_screw, plates), (spool_screw, spools) = face.screws
+    plate_screw, spool_screw = plate_screw.removesuffix(", plate"), spool_screw.removesuffix(", spool")
+    to_board = screws.board_screw(drives.PLATE_MM, "").name
+    to_palm, to_arm = (f"{number} {screw}" for screw, number in _taken(palm.palm_forms(hand)[1]))
+    drawing = Drawing(900, 470, "Put together: servo, spool, servo plate on the board, palm on the arm, finger, sheath")
+    # servo plate from the side, the ridge on the left
+    drawing.rectangle(470, 250, 330, 14, "#cfd8d3")
+    drawing.rectangle(470, 205, 34, 45, "#cfd8d3")
+    drawing.text(806, 258, "servo plate", INK)
+    drawing.rectangle(560, 264, 130, 74, "#e7ece9")
+    drawing.text(625, 306, "servo", INK, "middle")
+    drawing.rectangle(600, 252, 50, 10, PAPER)
+    drawing.rectangle(600, 246, 50, 6, "#eef2f0")
+    drawing.rectangle(586, 238, 78, 8, "#eef2f0")
+    drawing.rectangle(594, 212, 62, 26, "#eef2f0")
+    drawing.rectangle(586, 204, 78, 8, "#eef2f0")
+    drawing.text(674, 226, "spool", INK)
+    drawing.rectangle(440, 264, 112, 22, "#efe6d8")
+    drawing.rectangle(698, 264, 122, 22, "#efe6d8")
+    drawing.text(826, 281, "board", INK)
+    drawing.line((450, 225), (594, 225), colour=GREEN, width=2.5)
+    # palm from the side, the arm below
+    drawing.rectangle(60, 180, 220, 80, "#cfd8d3")
+    drawing.text(82, 226, "palm", INK)
+    drawing.rectangle(60, 300, 220, 14, "#cfd8d3")
+    drawing.rectangle(60, 260, 12, 40, "#cfd8d3")
+    drawing.rectangle(268, 260, 12, 40, "#cfd8d3")
+    drawing.rectangle(110, 314, 120, 34, "#e7ece9")
+    drawing.text(170, 366, "arm's flange", INK, "middle")
+    drawing.polygon(
+        ((190, 262), (222, 262), (222, 176), (236, 176), (236, 60), (182, 60), (182, 176), (190, 176)), "#f3d3a5"
+    )
+    drawing.text(246, 76, "finger", INK)
+    drawing.circle(206, 226, 6, RUST, PAPER)
+    drawing.line((206, 250), (206, 282), (300, 282), (380, 225), (487, 225), colour=GREEN, width=6)
+    drawing.text(330, 215, "sheath", GREEN)
+    # screws
+    drawing.line((572, 238), (572, 290), colour=RUST, width=3)
+    drawing.line((612, 190), (612, 256), colour=RUST, width=3)
+    drawing.line((520, 236), (520, 306), colour=RUST, width=3)
+    drawing.line((730, 236), (730, 306), colour=RUST, width=3)
+    drawing.line((76, 322), (76, 250), colour=RUST, width=3)
+    drawing.line((264, 322), (264, 250), colour=RUST, width=3)
+    drawing.line((130, 294), (130, 338), colour=RUST, width=3)
+    drawing.line((210, 294), (210, 338), colour=RUST, width=3)
+    for x, y, name in (
+        (572, 310, "1"), (600, 180, "2"), (520, 326, "3"), (76, 340, "3"), (244, 340, "3"), (206, 246, "4"),
+        (420, 208, "5"),
+    ):  # fmt: skip
+        drawing.circle(x, y - 5, 10, RUST, PAPER)
+        drawing.text(x, y, name, RUST, "middle", bold=True)
+    lines = (
+        f"1: {plates} {plate_screw} a servo;  2: {spools} {spool_screw} a spool",
+        f"3: servo plate to the board 4 {to_board}; palm's plate to the arm {to_arm}, to the palm {to_palm}",
+        f"4: cross pins, {pins};  5: sheath {foot.SHEATH_DEPTH_MM:g} mm into foot and ridge",
+    )
+    for number, text in enumerate(lines):
+        drawing.text(20, 416 + 19 * number, text.replace(", ISO 4762", ""))
+    return drawing.svg()
+
+
+def _taken(form: Form) -> list[tuple[str, int]]:
+    """Return a part's screws and how many of each, in the order of its holes."""
+    names = [bore.screw.name for bore in form.bores if bore.screw]
+    return [(name, names.count(name)) for name in dict.fromkeys(names)]
 
 
 def camera() -> str:
@@ -311,6 +506,7 @@ PICTURES = {
     "build_wiring": wiring,
     "build_spool": spool,
     "build_knot": knot,
+    "build_assembly": assembly,
     "build_camera": camera,
     "build_rig": rig,
     "driver_cycle": driver_cycle,

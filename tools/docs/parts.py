@@ -6,13 +6,14 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 from string import Template
 
 from softgrip_description.hand import shipped_hand
 from softgrip_design.commands.parts import SPOOL_RADIUS_MM
-from softgrip_design.parts import bench, bill, drives, finger_form, foot, printing
+from softgrip_design.parts import bench, bill, drives, finger_form, foot, palm, printing, screws
 from softgrip_design.parts.assembly import assembly_picture
 from softgrip_design.parts.drawing import figure_of, write_svg
 from softgrip_design.parts.kit import fingers_of
@@ -34,6 +35,23 @@ def assumed_rows() -> list[tuple[str, str, str]]:
     section = f"{2.0 * foot.HALF_WIDTH_MM:g} x {foot.Y_MM[1] - foot.Y_MM[0]:g} x {foot.LENGTH_MM:g} mm"
     shoulder = f"{foot.MIN_SHOULDER_MM:g} mm behind joint 0 or {foot.DEPTH_MM:g} mm below the palm's face"
     sheath = f"PTFE 2 x 3 mm, {foot.SHEATH_DEPTH_MM:g} mm deep in the foot; {bill.SHEATH_M} m long"
+    pin = (
+        "M3, its length slot by slot in bill.md; "
+        f"hole {2.0 * foot.PIN_RADIUS_MM:g} mm, thread {palm.PIN_THREAD_MM:g} mm "
+        f"in {2.0 * foot.PIN_TAP_RADIUS_MM:g} mm; its head is sunk by what a length of the standard is too short, "
+        f"{palm.MAX_PIN_SINK_MM:g} mm at most"
+    )
+    board = f"M4 through a board of {screws.BOARD_MM:g} mm, with nuts"
+    hole = (
+        f"cable + {drives.KNOT_PLAY_MM} mm each side, at least {2.0 * printing.NOZZLE_MM:g} mm; recess of "
+        f"{2.0 * drives.BEAD_SEAT_MM:g} mm"
+    )
+    bead = f"a crimp bead of {drives.BEAD_MM:g} mm before the knot"
+    strands = 1.0 + 2.0 / math.sqrt(3.0)  # the least circle round three circles
+    knot = (
+        "no source gives a knot's width; any cut through one has three strands, which lie in a circle of "
+        f"{strands:.2f} widths, narrower than the hole"
+    )
     turns = f"{bill.TURNS:g} turns on it while the finger is straight"
     reel = f"groove {drives.GROOVE_MM:g} mm, rims {drives.RIM_HEIGHT_MM} mm; {turns}"
     block = f"contact radius {bench.SURFACE_RADIUS_MM:g} mm (section 3.2.1), {bench.BLOCK_WIDTH_MM:g} mm wide"
@@ -48,7 +66,10 @@ def assumed_rows() -> list[tuple[str, str, str]]:
         ("foot", section, "mortise and tenon (section 4.2.2), drawn nowhere"),
         ("shoulder of the foot", shoulder, "in front of it the first groove, behind it the palm"),
         ("key", f"V of {foot.KEY_DEPTH_MM} mm on the back of the foot", "one place a slot"),
-        ("cross pin", f"M3 through a hole of {2.0 * foot.PIN_RADIUS_MM:g} mm", "one screw a swap"),
+        ("cross pin", pin, "one screw a swap; ISO 4762; thread formed in plastic: two to three diameters [1]"),
+        ("screws to the bench", board, "parts stand on a board"),
+        ("knot hole of a spool", hole, "threads 0.25 mm braid, prints open"),
+        ("end of a cable on its spool", bead, knot),
         ("sheath", sheath, "servos stand beside the arm"),
         ("play of a foot", f"{printing.CLEARANCE_MM} mm each side", "usual for filament printers"),
         ("spool", reel, "radius as the driver's spool_radii_m; turns: [winding](build/winding.md)"),
@@ -69,7 +90,9 @@ def render() -> str:
         layer=printing.LAYER_MM,
         nozzle=printing.NOZZLE_MM,
         sources="\n".join(f"* {', '.join(face.models)}: {face.source}." for face in drives.FACES)
-        + "\n* C.-D. Matte, *Toward Predictable Tendon Driven Soft Robots*, 2025: sections named above.",
+        + "\n* C.-D. Matte, *Toward Predictable Tendon Driven Soft Robots*, 2025: sections named above."
+        + "\n* [1] B. Lincoln, K. Gomes, J. Braden, *Mechanical Fastening of Plastics*, chapter on fastening sites of "
+        "self-threading screws, doi 10.1201/9780203747889-6 (its abstract was read).",
     )
 
 

@@ -14,14 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain, save_cell
-from softgrip_description.hand import load_hand, shipped_hand
+from softgrip_description.hand import Hand, load_hand, shipped_hand
 from softgrip_design.commands import parts
 from softgrip_design.parts import bench, drives, foot, forms
 from softgrip_design.parts.bill import SHEATH_M, bill_text, bought_rows, cable_m, instead_rows, printed_rows
 from softgrip_design.parts.finger_form import FingerForm, finger_form, strip_depth_mm
 from softgrip_design.parts.forms import Bore, PartError, circle, corners, polygon, rectangle, segments
 from softgrip_design.parts.kit import Kit, fingers_of, whole_kit
-from softgrip_design.parts.palm import finger_pose, palm_forms, palm_seat
+from softgrip_design.parts.palm import finger_pose, palm_forms, palm_seat, pin_screw
 from softgrip_design.parts.picture import BACKGROUND, INK, NAME_ROOM_PX, PictureBody, draw
 from softgrip_design.parts.printing import CLEARANCE_MM, MATERIALS, NOZZLE_MM
 from softgrip_design.parts.solid import Solid
@@ -263,8 +263,95 @@ def test_the_kit_names_every_part_once_and_the_bill_adds_up() -> None:
     assert row.mass_g == pytest.approx(124.0)  # 100 cm3 of 1.24 g/cm3
     assert row.filament_m == pytest.approx(100.0 / (math.pi * 0.175**2 / 4.0) / 100.0)
     text = bill_text("x", [row], bought_rows(kit, 10.0))
-    assert "| screw M3 x 25 | 3 |" in text
+    assert [row for row in text.splitlines() if "cross pin" in row] == [
+        "| screw M3 x 30, ISO 4762 | 1 | cross pin of index |",
+        "| screw M3 x 30, ISO 4762 | 1 | cross pin of middle |",
+        "| screw M3 x 40, ISO 4762 | 1 | cross pin of thumb |",
+    ]
     assert "124.0" in text
+
+
+def test_the_bill_of_five_fingers_has_a_cross_pin_for_each_slot() -> None:
+    """Side of the palm + 6.2 mm of foot + 6 mm of thread, the next shorter length: 15, 35 and 45 mm of side."""
+    five = load_hand(Path(__file__).parents[4] / "benchmarks/design/five_fingers.yaml")
+    form = made(SETS["power"].finger("index"))
+    kit = Kit(SETS["power"], five, dict.fromkeys(five.slots, form), ())
+    pins = {row.use.split()[-1]: row.title for row in bought_rows(kit, 10.0) if row.use.startswith("cross pin")}
+    lengths = {"index": 25, "middle": 45, "ring": 45, "little": 25, "thumb": 50}
+    assert pins == {slot: f"screw M3 x {length}, ISO 4762" for slot, length in lengths.items()}
+
+
+def test_the_bill_has_a_screw_for_every_hole_of_m4_and_a_nut_behind_the_board() -> None:
+    """Holes of 4.5 mm are those of M4; the guide blocks are mounted one at a time."""
+    kit = whole_kit(SETS["power"], HAND, 10.0)
+    holes = {form.name: form.count * sum(bore.radius_mm == 2.25 for bore in form.bores) for form in kit.forms}
+    assert {name: number for name, number in holes.items() if number and not name.startswith("guide")} == {
+        "palm_plate": 4, "servo_plate_x330": 4, "camera_stand": 4, "target_holder": 8,
+    }  # fmt: skip
+    assert {number for name, number in holes.items() if name.startswith("guide")} == {2}
+    rows = [(row.title, int(row.amount)) for row in bought_rows(kit, 10.0) if row.title.startswith(("screw", "nut"))]
+    assert sum(number for title, number in rows if title.startswith("screw M4")) == 4 + 4 + 4 + 8 + 2
+    assert ("nut M4, ISO 4032", 4 + 4 + 8 + 2) in rows
+    assert ("screw 1/4-20 UNC x 1/2 in", 1) in rows
+    lengths = {row.use.split()[0]: float(row.title.split(" x ")[1].split(",")[0])
+               for row in bought_rows(kit, 10.0) if row.title.startswith("screw M4")}  # fmt: skip
+    for part, thickness in (("servo", 4.0), ("camera", 8.0), ("feet", 18.0), ("guide", 12.0)):
+        assert 0.0 <= lengths[part] - thickness - 12.0 - 3.2 < 5.0  # a board of 12 mm and a nut of 3.2 mm
+    assert 8.0 <= lengths["plate"] - 5.0 <= 15.0 - 1.0  # two diameters of thread; the post's hole is deeper
+
+
+@pytest.mark.parametrize(("name", "number"), [("palm_plate", 4), ("spool_x330", 12), ("servo_plate_x330", 12)])
+def test_other_holes_for_screws_are_counted_too(name: str, number: int) -> None:
+    kit = whole_kit(SETS["power"], HAND, 10.0)
+    (form,) = (form for form in kit.forms if form.name == name)
+    radius = {"palm_plate": 3.3, "spool_x330": 1.1, "servo_plate_x330": 1.1}[name]
+    assert form.count * sum(bore.radius_mm == radius for bore in form.bores) == number
+    of_it = {bore.screw.name for bore in form.bores if bore.screw and bore.radius_mm == radius}
+    rows = [row for row in bought_rows(kit, 10.0) if row.title.removeprefix("screw ") in of_it]
+    assert [int(row.amount) for row in rows] == [number]
+
+
+def test_a_slot_without_a_screw_for_its_cross_pin_is_refused() -> None:
+    def palm(width_mm: float, y_mm: float) -> Hand:
+        slot = dataclasses.replace(HAND.slots["index"], position_m=(0.044, 1e-3 * y_mm, 0.0))
+        return dataclasses.replace(HAND, palm_size_m=(0.11, 1e-3 * width_mm, 0.03), slots={"index": slot})
+
+    # side + foot 6.2 + thread 6: the next shorter length is sunk by the rest
+    assert (pin_screw(palm(60.0, 11.0), "index").length_mm, pin_screw(palm(60.0, 11.0), "index").sunk_mm) == (
+        30.0, pytest.approx(1.2),
+    )  # fmt: skip
+    # 10 mm of side leave no palm below a head that is sunk by 2.2 mm: M3 x 25 ends 8.8 mm in its thread
+    assert pin_screw(palm(60.0, 20.0), "index").length_mm == 25.0
+    assert pin_screw(palm(60.0, 20.0), "index").sunk_mm == 0.0
+    for width_mm, y_mm in ((60.0, 22.0), (110.0, 0.0)):
+        with pytest.raises(PartError, match=r"slot index: .* M3 screw of ISO 4762"):
+            palm_forms(palm(width_mm, y_mm))
+
+
+def test_cross_pins_that_meet_are_refused() -> None:
+    """Two slots abreast: their threads come from both sides into what is between them."""
+    five = load_hand(Path(__file__).parents[4] / "benchmarks/design/five_fingers.yaml")
+    ring = dataclasses.replace(five.slots["ring"], position_m=(0.052, -0.010, 0.0))
+    with pytest.raises(PartError, match=r"slot middle: .* found that of 'ring'"):
+        palm_forms(dataclasses.replace(five, slots=dict(five.slots) | {"ring": ring}))
+    near = dataclasses.replace(five.slots["middle"], position_m=(0.052, 0.012, 0.0))
+    with pytest.raises(PartError, match=r"slot index: .* found the foot of 'middle'"):
+        palm_forms(dataclasses.replace(five, slots=dict(five.slots) | {"middle": near}))
+
+
+@pytest.mark.parametrize("cable_mm", [0.25, 0.5, 1.0])
+def test_a_bead_stays_before_the_hole_that_the_cable_goes_through(cable_mm: float) -> None:
+    made = drives.spool(drives.FACES[0], 10.0, 0.5 * cable_mm, 3)
+    hole, seat = (bore for bore in made.bores if bore.start[2] > 0.0)
+    assert 2.0 * hole.radius_mm >= max(0.8, cable_mm + 0.5)  # two nozzles' widths, or room beside the cable
+    assert 2.0 * hole.radius_mm <= 2.0 - 0.4 < 2.0 * seat.radius_mm
+    # it begins at the groove's floor
+    assert math.hypot(*hole.start[:2]) - hole.radius_mm == pytest.approx(10.0 - 0.5 * cable_mm)
+
+
+def test_a_cable_too_thick_for_a_bead_is_refused() -> None:
+    with pytest.raises(PartError, match=r"spool: expected a cable of at most 1\.1 mm"):
+        drives.spool(drives.FACES[0], 10.0, 0.6, 3)
 
 
 def full(form: forms.Form) -> Solid:

@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softgrip_description.hand import shipped_hand
+from softgrip_description.hand import Hand, load_hand, shipped_hand
 from softgrip_design.commands import parts
-from softgrip_design.parts import bench, drives
+from softgrip_design.parts import bench, drives, foot
 from softgrip_design.parts.assembly import assembly_bodies
 from softgrip_design.parts.drawing import write_svg
 from softgrip_design.parts.files import write_part
 from softgrip_design.parts.forms import Bore, Form, PartError, PartPose, Prism, corners, rectangle
 from softgrip_design.parts.kit import fingers_of
-from softgrip_design.parts.palm import finger_pose, palm_forms
+from softgrip_design.parts.palm import finger_pose, palm_forms, palm_seat, pin_screw
 from softgrip_model.profile import FingerDesign, load, shipped_directory
 
 manifold3d = pytest.importorskip("manifold3d", reason="make parts-setup")
@@ -34,6 +34,7 @@ from softgrip_design.parts.solid import Solid, make_solid, triangles_of  # noqa:
 from softgrip_design.parts.views import FRONT, LEFT, edges_of, views_of  # noqa: E402
 
 HAND = shipped_hand()
+FIVE = load_hand(Path(__file__).parents[4] / "benchmarks/design/five_fingers.yaml")
 POWER = load(shipped_directory() / "power.yaml")
 NOTCH = Prism(rectangle((8.0, 12.0), (4.0, 11.0)), 6.2, 11.0)
 BLOCK = Prism(rectangle((0.0, 20.0), (0.0, 10.0)), 0.0, 10.0)
@@ -69,6 +70,42 @@ def test_a_finger_fits_its_slot_and_no_other(index: Solid, palm: Any) -> None:
     assert (placed(index, "index").translate(-along) ^ palm).volume() > 1.0
     across = np.array(finger_pose(HAND.slots["index"]).z_axis)
     assert (placed(index, "index").translate(0.5 * across) ^ palm).volume() > 1.0
+
+
+def surfaces_along(shape: Any, origin: np.ndarray, axis: np.ndarray, radius_mm: float) -> list[np.ndarray]:
+    """Return where lines beside an axis go through a surface: for each of four lines, how far from the origin [mm]."""
+    across = np.cross(axis, (0.0, 0.0, 1.0))
+    found = []
+    for side in (across, -across, np.cross(axis, across), -np.cross(axis, across)):
+        start = origin + radius_mm * side
+        points = shape.find_intersection_points(build123d.Axis(tuple(start), tuple(axis)))
+        found.append(np.unique([round(float((np.array(tuple(point)) - start) @ axis), 4) for point, _ in points]))
+    return found
+
+
+@pytest.mark.parametrize("hand", [HAND, FIVE], ids=lambda hand: hand.name)
+def test_a_cross_pin_goes_through_the_foot_into_its_thread_and_ends_before_the_holes_floor(hand: Hand) -> None:
+    palm = make_solid(palm_forms(hand)[0]).shape
+    for slot in hand.slots:
+        length = float(re.fullmatch(r"M3 x ([0-9]+), ISO 4762", pin_screw(hand, slot).name)[1])  # type: ignore[index]
+        matrix = finger_pose(hand.slots[slot]).matrix
+        origin = (matrix @ (palm_seat(hand, slot).pin_mm, foot.PIN_Y_MM, 0.0, 1.0))[:3]
+        inwards = np.array([0.0, -1.0 if origin[1] > 0.0 or (origin[1] == 0.0 and matrix[1, 2] > 0.0) else 1.0, 0.0])
+        # beside the shank's hole, below the head: from the head's seat to the slot is palm
+        seats, walls = zip(*(one[:2] for one in surfaces_along(palm, origin, inwards, 2.5)), strict=True)
+        assert np.ptp(seats) < 1e-3
+        assert min(walls) - seats[0] >= 3.0
+        tip = seats[0] + length
+        # within the clearance hole nothing before the slot's far wall, where the narrower thread's hole begins
+        threads = surfaces_along(palm, origin, inwards, 1.45)
+        assert all((one > 0.0).all() for one in threads)
+        (thread,) = {one[0] for one in threads}
+        assert thread == pytest.approx(6.2)  # the foot, 12 mm, with its play
+        assert 2.0 * 3.0 <= tip - thread + 1e-6 <= 3.0 * 3.0 + 1e-6
+        assert max(one[0] for one in surfaces_along(palm, origin, inwards, 1.2)) >= tip + 0.5
+        # the hole ends in the palm, not in the next slot
+        floors = [one[0] for one in surfaces_along(palm, origin, inwards, 1.2)]
+        assert min(floors) == max(floors)
 
 
 def test_the_solid_has_strips_of_the_profile(index: Solid) -> None:
@@ -134,8 +171,15 @@ def test_the_hand_and_the_servo_plate_are_named_in_the_picture() -> None:
     forms = (*palm_forms(HAND), drives.servo_plate(face, 10.0, 3), drives.spool(face, 10.0, 0.125, 3))
     solids = {form.name: make_solid(form) for form in forms}
     bodies = assembly_bodies(HAND, solids, horns)
-    assert [body.name for body in bodies] == ["palm", "plate to the arm", "servo plate", "spools", "", ""]
-    palm, _, plate, *spools = (body.vertices for body in bodies)
+    names = ["palm", "plate to the arm", "servo plate", "servos", "", "", "spools", "", ""]
+    assert [body.name for body in bodies] == names
+    palm, _, plate, *others = (body.vertices for body in bodies)
+    servos, spools = others[:3], others[3:]
+    for servo, spool in zip(servos, spools, strict=True):
+        # below the plate, its axis where the spool stands
+        assert servo[:, 2].max() == pytest.approx(plate[:, 2].min())
+        assert (servo[:, :2].min(axis=0) < spool[:, :2].mean(axis=0)).all()
+        assert (servo[:, :2].max(axis=0) > spool[:, :2].mean(axis=0)).all()
     assert plate[:, 0].min() > palm[:, 0].max()
     # each spool stands over a horn's hole of its plate: apart from each other, inside the plate's outline
     middles = [0.5 * (one.min(axis=0) + one.max(axis=0)) for one in spools]
@@ -143,6 +187,17 @@ def test_the_hand_and_the_servo_plate_are_named_in_the_picture() -> None:
     for one in spools:
         assert (one[:, :2].min(axis=0) > plate[:, :2].min(axis=0)).all()
         assert (one[:, :2].max(axis=0) < plate[:, :2].max(axis=0)).all()
+
+
+def test_a_sheath_goes_from_the_foot_to_the_plates_ridge(index: Solid) -> None:
+    plate = make_solid(drives.servo_plate(drives.FACES[0], 10.0, 3))
+    *_, drawn_plate, sheath = assembly_bodies(HAND, {index.form.name: index, plate.form.name: plate})
+    assert sheath.name == "sheath"
+    foot_end = (
+        finger_pose(HAND.slots["index"]).matrix @ (palm_seat(HAND, "index").end_mm, -5.38 * 0.5**0.5, 0.0, 1.0)
+    )[:3]
+    assert np.linalg.norm(sheath.vertices - foot_end, axis=1).min() < 3.0
+    assert sheath.vertices[:, 0].max() == pytest.approx(drawn_plate.vertices[:, 0].min(), abs=0.1)
 
 
 @pytest.mark.parametrize("face", drives.FACES, ids=lambda face: face.name)

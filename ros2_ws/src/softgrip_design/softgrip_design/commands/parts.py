@@ -95,7 +95,7 @@ def main(args: Sequence[str] | None = None) -> int:
         (folder / "bill.md").write_text(bill_text(profile.title, printed, bought, instead), encoding="utf-8")
         if kit.others:
             horns = horn_places_mm(drive.face, drive.spool_radius_mm, len(hand.slots))
-            write(assembly_picture(hand, solids, horns), folder / "assembly.png")
+            write(assembly_picture(hand, solids, horns, drive.face), folder / "assembly.png")
     except (CellFileError, DesignError, HandError, ProfileError, OSError) as error:
         print(f"parts: {error}", file=sys.stderr)
         return 2

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import math
 
-from softgrip_design.parts.forms import Bore, Form, PartPose, Prism, corners, rectangle
+from softgrip_design.parts.forms import Bore, Form, PartPose, Prism, Screw, corners, rectangle
 from softgrip_design.parts.lettering import engraving
 from softgrip_design.parts.printing import LAYER_MM
+from softgrip_design.parts.screws import board_screw
 
 #: Thesis section 3.2.1: wrap angles of the 45 tests, radius of the contact surface (3 mm).
 WRAP_ANGLES_DEG = tuple(range(10, 91, 10))
@@ -19,6 +20,8 @@ EDGE_MM = 1.0
 #: Camera stand: foot, mast, and the hole of the camera's 1/4 inch screw (6.35 mm).
 STAND_FOOT_MM, STAND_MAST_MM, STAND_THICK_MM = (90.0, 70.0), 140.0, 8.0
 CAMERA_SCREW_MM, CAMERA_SLOT_MM = 3.3, 60.0
+#: Half an inch: 8 mm of mast and 4.7 mm of thread, as deep as ISO 1222 lets a tripod's screw go into a camera.
+CAMERA_SCREW = "1/4-20 UNC x 1/2 in"
 #: Target holder: a slit for a board of 3 mm with the print on it, and the slit's depth.
 BOARD_MM, HOLDER_MM, SLIT_DEPTH_MM = 3.2, (80.0, 40.0, 18.0), 12.0
 
@@ -39,13 +42,16 @@ def guide_block(angle_deg: int, material: str) -> Form:
     end = (LEAD_MM * math.cos(angle), -LEAD_MM * math.sin(angle))
     outline = corners((-BLOCK_MM, 0.0), (-BLOCK_MM, -BLOCK_MM), (end[0], -BLOCK_MM), end, (0.0, 0.0, SURFACE_RADIUS_MM))
     width = BLOCK_WIDTH_MM
+    screw = board_screw(
+        width, f"guide block on the rig: each has {len(BLOCK_HOLES_MM)} holes, one stands there at a time"
+    )
     holes = [
-        Bore((x - BLOCK_MM, -y, 0.0), (x - BLOCK_MM, -y, width), M4_MM, beyond_mm=(EDGE_MM, EDGE_MM))
+        Bore((x - BLOCK_MM, -y, 0.0), (x - BLOCK_MM, -y, width), M4_MM, beyond_mm=(EDGE_MM, EDGE_MM), screw=screw)
         for x, y in BLOCK_HOLES_MM
     ]
     letters = engraving(f"{angle_deg}°", (-22.0, -28.0), 18.0, 7.0, (width - 2.0 * LAYER_MM, width + EDGE_MM))
     return Form(f"guide_block_{angle_deg:02d}_{material}", f"guide block {angle_deg} deg, {material}", material,
-                (Prism(outline, 0.0, width),), tuple(holes), letters=letters.prisms)  # fmt: skip
+                (Prism(outline, 0.0, width),), tuple(holes), letters=letters.prisms, is_exchanged=True)  # fmt: skip
 
 
 def camera_stand() -> Form:
@@ -64,8 +70,17 @@ def camera_stand() -> Form:
     slot = rectangle((-CAMERA_SCREW_MM, CAMERA_SCREW_MM), (top - CAMERA_SLOT_MM, top), CAMERA_SCREW_MM)
     inset = 9.0
     feet = [(x, sy * (0.5 * width - inset)) for x in (inset - thick, length - thick - inset) for sy in (-1.0, 1.0)]
-    bores = tuple(Bore((x, y, 0.0), (x, y, thick), M4_MM, beyond_mm=(EDGE_MM, EDGE_MM)) for x, y in feet)
-    return Form("camera_stand", "camera stand", "pla", bodies, bores, (Prism(slot, -2.0 * thick, thick, across),))
+    screw = board_screw(thick, "camera stand to the board")
+    bores = tuple(Bore((x, y, 0.0), (x, y, thick), M4_MM, beyond_mm=(EDGE_MM, EDGE_MM), screw=screw) for x, y in feet)
+    return Form(
+        "camera_stand",
+        "camera stand",
+        "pla",
+        bodies,
+        bores,
+        (Prism(slot, -2.0 * thick, thick, across),),
+        screws=(Screw(CAMERA_SCREW, "camera to its stand"),),
+    )
 
 
 def target_holder() -> Form:
@@ -76,7 +91,10 @@ def target_holder() -> Form:
         rectangle((-length, length), (-0.5 * BOARD_MM, 0.5 * BOARD_MM)), height - SLIT_DEPTH_MM, height + EDGE_MM
     )
     places = [(sx * 0.35 * length, sy * 0.3 * depth) for sx in (-1.0, 1.0) for sy in (-1.0, 1.0)]
-    bores = tuple(Bore((x, y, 0.0), (x, y, height), M4_MM, beyond_mm=(EDGE_MM, EDGE_MM)) for x, y in places)
+    screw = board_screw(height, "feet of the calibration target to the board")
+    bores = tuple(
+        Bore((x, y, 0.0), (x, y, height), M4_MM, beyond_mm=(EDGE_MM, EDGE_MM), screw=screw) for x, y in places
+    )
     return Form("target_holder", "foot of the calibration target", "pla", (block,), bores, (slit,), count=2)
 
 

@@ -4,12 +4,16 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from softgrip_design.parts.drives import FACES, ServoFace
+from softgrip_design.parts.drives import BEAD_MM, FACES, ServoFace
+from softgrip_design.parts.forms import Form, Screw
 from softgrip_design.parts.kit import Kit, OtherDrives
+from softgrip_design.parts.palm import pin_screw
 from softgrip_design.parts.printing import MATERIALS
+from softgrip_design.parts.screws import BOARD_MM
 from softgrip_design.parts.solid import Solid
 
 #: Assumed: sheath from palm to servos, and the turns that stay on a spool.
@@ -84,20 +88,40 @@ def bought_rows(kit: Kit, spool_radius_mm: float, face: ServoFace = FACES[0], mo
     rows = [
         BoughtRow(kit.profile.cable.name, f"{cable_m(kit, spool_radius_mm):.2f} m", "cables"),
         BoughtRow("PTFE tube 2 x 3 mm", f"{fingers * SHEATH_M:.2f} m", "sheaths, foot to servo plate"),
-        BoughtRow("crimp bead 2 mm", f"{fingers}", "holds a cable in its tip"),
-        BoughtRow("screw M3 x 25", f"{fingers}", "cross pin of a foot"),
+        BoughtRow(
+            f"crimp bead {BEAD_MM:g} mm", f"{2 * fingers}", "both ends of a cable: in the tip, behind the spool's rim"
+        ),
+        *(BoughtRow(f"screw {pin_screw(kit.hand, name).name}", "1", f"cross pin of {name}") for name in kit.fingers),
         BoughtRow(
             "dot 5 mm, green", f"{sum(len(f.grooves) + 2 for f in kit.fingers.values())}", "markers: base, joints, tip"
         ),
     ]
     if kit.others:
         rows += [
-            BoughtRow("screw M4 x 16", "4", "plate to palm"),
-            BoughtRow("screw M6 x 12", "4", "plate to the arm's flange (ISO 9409-1-50-4-M6)"),
             BoughtRow(f"servo {model or ' or '.join(face.models)}", f"{fingers}", "one a finger"),
-            *(BoughtRow(f"screw {name}", f"{number * fingers}", "servos") for name, number in face.screws),
+            *screw_rows(kit.others),
         ]
     return rows
+
+
+def screw_rows(forms: Sequence[Form]) -> list[BoughtRow]:
+    """Return the screws that the holes of parts take, and the nuts that go with them."""
+    needed: Counter[Screw] = Counter()
+    exchanged: Counter[Screw] = Counter()
+    for form in forms:
+        taken = Counter(bore.screw for bore in form.bores if bore.screw) + Counter(form.screws)
+        if form.is_exchanged:
+            exchanged |= taken
+        else:
+            needed.update({screw: number * form.count for screw, number in taken.items()})
+    needed += exchanged
+    nuts: Counter[str] = Counter()
+    for screw, number in needed.items():
+        nuts[screw.nut] += number
+    return [
+        *(BoughtRow(f"screw {screw.name}", f"{number}", screw.use) for screw, number in needed.items()),
+        *(BoughtRow(f"nut {nut}", f"{number}", f"board of {BOARD_MM:g} mm") for nut, number in nuts.items() if nut),
+    ]
 
 
 def instead_rows(instead: Sequence[OtherDrives], solids: Mapping[str, Solid]) -> list[tuple[str, str, str, str]]:

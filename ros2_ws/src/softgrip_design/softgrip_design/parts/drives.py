@@ -11,8 +11,9 @@ import math
 from dataclasses import dataclass
 
 from softgrip_design.parts import foot
-from softgrip_design.parts.forms import Bore, Form, PartError, Point2, Point3, Prism, circle, rectangle
+from softgrip_design.parts.forms import Bore, Form, PartError, Point2, Point3, Prism, Screw, circle, rectangle
 from softgrip_design.parts.printing import NOZZLE_MM
+from softgrip_design.parts.screws import board_screw
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,10 @@ class ServoFace:
     screws: tuple[tuple[str, int], ...]
     source: str
     horn_thread_mm: float = 0.0
+
+    def screw(self, number: int) -> Screw:
+        """Return the screw of the plate (0) or of the horn (1)."""
+        return Screw(self.screws[number][0], "servos")
 
 
 #: From the maker's drawings, which the e-manual links, as several who measured by them publish the numbers.
@@ -144,7 +149,8 @@ NEIGHBOUR_MM = 3.0
 M4_MM, RIM_MM = 2.25, 8.0
 #: Spool: width of the groove, thickness and height of its rims, floor above the horn that the screws hold.
 GROOVE_MM, FLANGE_MM, RIM_HEIGHT_MM = 5.0, 1.6, 2.5
-KNOT_RADIUS_MM, KNOT_SEAT_MM = 0.6, 1.6
+#: Knot hole: room beside the cable, at least two nozzles wide; recess for the bead of 2 mm before the knot.
+KNOT_PLAY_MM, BEAD_MM, BEAD_SEAT_MM = 0.25, 2.0, 1.6
 #: Channel of the cable through the wall.
 CABLE_RADIUS_MM = 0.8
 
@@ -204,18 +210,34 @@ def servo_plate(face: ServoFace, spool_radius_mm: float, count: int) -> Form:
     bores = []
     for x in axes:
         bores.append(_hole((x, 0.0), face.horn_radius_mm + PLAY_MM))
-        bores += [_hole((x + u, v), face.frame_radius_mm) for u, v in face.frame_holes]
+        bores += [_hole((x + u, v), face.frame_radius_mm, face.screw(0)) for u, v in face.frame_holes]
         at = x - spool_radius_mm
         bores.append(Bore((at, top, cable_z), (at, high, cable_z), CABLE_RADIUS_MM, beyond_mm=(EDGE_MM, EDGE_MM)))
         seat = (at, high - foot.SHEATH_DEPTH_MM, cable_z)
         bores.append(Bore(seat, (at, high, cable_z), foot.SHEATH_RADIUS_MM, beyond_mm=(0.0, EDGE_MM)))
-    bores += [_hole((sx * (half - RIM_MM), y), M4_MM) for sx in (-1, 1) for y in (low + RIM_MM, top - RIM_MM)]
+    to_board = board_screw(PLATE_MM, "servo plate to the board")
+    bores += [_hole((sx * (half - RIM_MM), y), M4_MM, to_board) for sx in (-1, 1) for y in (low + RIM_MM, top - RIM_MM)]
     return Form(f"servo_plate_{face.name}", f"plate for {count} {' or '.join(face.models)}", "pla", (plate, wall),
                 tuple(bores))  # fmt: skip
 
 
-def _hole(at: Point2, radius_mm: float) -> Bore:
-    return Bore((*at, 0.0), (*at, PLATE_MM), radius_mm, beyond_mm=(EDGE_MM, EDGE_MM))
+def _hole(at: Point2, radius_mm: float, screw: Screw | None = None) -> Bore:
+    return Bore((*at, 0.0), (*at, PLATE_MM), radius_mm, beyond_mm=(EDGE_MM, EDGE_MM), screw=screw)
+
+
+def knot_radius_mm(cable_radius_mm: float) -> float:
+    """Return the radius of a spool's knot hole.
+
+    Raises:
+        PartError: a bead would not stay before it.
+    """
+    radius = max(NOZZLE_MM, cable_radius_mm + KNOT_PLAY_MM)
+    if 2.0 * radius > BEAD_MM - NOZZLE_MM:
+        raise PartError(
+            f"spool: expected a cable of at most {BEAD_MM - NOZZLE_MM - 2.0 * KNOT_PLAY_MM:g} mm, before whose hole a "
+            f"bead of {BEAD_MM:g} mm stays, found {2.0 * cable_radius_mm:g} mm"
+        )
+    return radius
 
 
 def min_spool_radius_mm(face: ServoFace, cable_radius_mm: float) -> float:
@@ -225,10 +247,10 @@ def min_spool_radius_mm(face: ServoFace, cable_radius_mm: float) -> float:
 
 
 def spool(face: ServoFace, spool_radius_mm: float, cable_radius_mm: float, count: int) -> Form:
-    """Return a spool: its neck stands on the horn, the cable's knot sits in the upper rim.
+    """Return a spool: its neck stands on the horn, the cable's bead sits in the upper rim.
 
     Raises:
-        PartError: the radius leaves no wall outside the horn's screws.
+        PartError: the radius leaves no wall outside the horn's screws, or the cable is too thick.
     """
     floor = spool_radius_mm - cable_radius_mm
     holes, circle_mm = face.horn_holes
@@ -250,13 +272,13 @@ def spool(face: ServoFace, spool_radius_mm: float, cable_radius_mm: float, count
     )
     through = [(circle_mm * math.cos(a), circle_mm * math.sin(a)) for a in _turns(holes)]
     bores = [_through((0.0, 0.0), face.boss_radius_mm + PLAY_MM, levels[4])]
-    bores += [_through(at, face.horn_hole_radius_mm, levels[4]) for at in through]
-    # between two screws: from the groove up through the rim, where the knot sits
-    turn = math.pi / holes
-    at = ((floor + KNOT_RADIUS_MM) * math.cos(turn), (floor + KNOT_RADIUS_MM) * math.sin(turn))
+    bores += [_through(at, face.horn_hole_radius_mm, levels[4], face.screw(1)) for at in through]
+    # between two screws: from the groove up through the rim, behind which the bead sits
+    turn, radius = math.pi / holes, knot_radius_mm(cable_radius_mm)
+    at = ((floor + radius) * math.cos(turn), (floor + radius) * math.sin(turn))
     seat = (*at, levels[4] - 0.5 * FLANGE_MM)
-    bores.append(Bore((*at, levels[3] - EDGE_MM), (*at, levels[4]), KNOT_RADIUS_MM, beyond_mm=(0.0, EDGE_MM)))
-    bores.append(Bore(seat, (*at, levels[4]), KNOT_SEAT_MM, beyond_mm=(0.0, EDGE_MM)))
+    bores.append(Bore((*at, levels[3] - EDGE_MM), (*at, levels[4]), radius, beyond_mm=(0.0, EDGE_MM)))
+    bores.append(Bore(seat, (*at, levels[4]), BEAD_SEAT_MM, beyond_mm=(0.0, EDGE_MM)))
     return Form(f"spool_{face.name}", f"spool of {spool_radius_mm:g} mm for {face.models[0]}", "pla", bodies,
                 tuple(bores), up=(0.0, 0.0, -1.0), count=count)  # fmt: skip
 
@@ -265,5 +287,5 @@ def _turns(count: int) -> list[float]:
     return [2.0 * math.pi * k / count for k in range(count)]
 
 
-def _through(at: Point2, radius_mm: float, top_mm: float) -> Bore:
-    return Bore((*at, 0.0), (*at, top_mm), radius_mm, beyond_mm=(EDGE_MM, EDGE_MM))
+def _through(at: Point2, radius_mm: float, top_mm: float, screw: Screw | None = None) -> Bore:
+    return Bore((*at, 0.0), (*at, top_mm), radius_mm, beyond_mm=(EDGE_MM, EDGE_MM), screw=screw)

@@ -97,6 +97,21 @@ class Prism:
 
 
 @dataclass(frozen=True)
+class Screw:
+    """A screw that a hole takes.
+
+    Attributes:
+        name: as it is ordered.
+        use: what it is for.
+        nut: that goes with it; empty: none.
+    """
+
+    name: str
+    use: str
+    nut: str = ""
+
+
+@dataclass(frozen=True)
 class Bore:
     """A round hole between two points, through and a little beyond both where it is open.
 
@@ -105,6 +120,7 @@ class Bore:
         radius_mm: of the hole.
         mouth_mm: radius with which the edges at start and end are rounded; 0: left sharp.
         beyond_mm: how far the hole is cut past start and end; 0: it ends there.
+        screw: to buy for it; None where it takes none, or where the other part's hole counts it.
     """
 
     start: Point3
@@ -112,6 +128,7 @@ class Bore:
     radius_mm: float
     mouth_mm: tuple[float, float] = (0.0, 0.0)
     beyond_mm: tuple[float, float] = (0.0, 0.0)
+    screw: Screw | None = None
 
 
 @dataclass(frozen=True)
@@ -128,6 +145,8 @@ class Form:
         letters: engraved last; what is left between their strokes is no wall.
         up: direction of the part that points away from the printer's bed.
         count: how many a hand needs.
+        screws: that it takes through something else than a bore.
+        is_exchanged: one of several of which one is mounted at a time.
     """
 
     name: str
@@ -139,6 +158,8 @@ class Form:
     letters: tuple[Prism, ...] = ()
     up: Point3 = (0.0, 0.0, 1.0)
     count: int = 1
+    screws: tuple[Screw, ...] = ()
+    is_exchanged: bool = False
 
 
 def corners(*points: Sequence[float]) -> Outline:

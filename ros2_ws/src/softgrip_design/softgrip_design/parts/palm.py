@@ -8,7 +8,9 @@ through windows.
 
 from __future__ import annotations
 
+import itertools
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,13 +23,16 @@ from softgrip_design.parts.forms import (
     Outline,
     PartError,
     PartPose,
+    Point2,
     Point3,
     Prism,
+    Screw,
     circle,
     corners,
     rectangle,
 )
-from softgrip_design.parts.printing import CLEARANCE_MM
+from softgrip_design.parts.printing import CLEARANCE_MM, NOZZLE_MM
+from softgrip_design.parts.screws import ISO_4762_MM, THREAD_IN_PLASTIC, screw_length_mm
 
 #: Widest finger body, each side of its middle, with room to move; and how high its back stands above the joints.
 NOTCH_HALF_WIDTH_MM = 8.0
@@ -40,7 +45,13 @@ FLANGE_CIRCLE_MM, FLANGE_HOLE_MM = 50.0, 3.3
 M4_MM, M4_TAP_MM = 2.25, 1.65
 #: Window of the sheaths: width and height.
 WINDOW_MM = (36.0, 6.0)
-PIN_THREAD_MM = 6.0
+#: Cross pin, an M3 screw: its head (5.5 mm, ISO 4762) with room, and its own diameter.
+PIN_HEAD_RADIUS_MM, PIN_MM = 3.1, 3.0
+#: Its thread in the palm, and room beyond it for what the screw pushes before it.
+PIN_THREAD_MM, MAX_PIN_THREAD_MM = (PIN_MM * diameters for diameters in THREAD_IN_PLASTIC)
+PIN_ROOM_MM = 1.0
+#: A hexagon key reaches a head that is sunk as deep as this; it has a diameter of palm below it.
+MAX_PIN_SINK_MM, MIN_PIN_SEAT_MM = 10.0, PIN_MM
 #: Longer than any palm.
 FAR_MM = 200.0
 #: A finger flatter than this would need a slot longer than a palm.
@@ -98,7 +109,7 @@ def palm_forms(hand: Hand) -> tuple[Form, Form]:
         "pla",
         (Prism(outline, -thickness, 0.0), skirt, *posts),
         (
-            *(bore for name, one in seats.items() for bore in _pin(hand.slots[name], one, 0.5 * width)),
+            *(bore for name, one in seats.items() for bore in _pin(hand.slots[name], one, pin_screw(hand, name))),
             *(Bore((*at, bottom), (*at, -0.5 * thickness), M4_TAP_MM, beyond_mm=(EDGE_MM, 0.0)) for at in screws),
         ),
         (
@@ -113,8 +124,13 @@ def palm_forms(hand: Hand) -> tuple[Form, Form]:
 def _plate(outline: Outline, screws: list[tuple[float, float]]) -> Form:
     turned = [math.radians(45.0 + 90.0 * k) for k in range(4)]
     flange = [(0.5 * FLANGE_CIRCLE_MM * math.cos(a), 0.5 * FLANGE_CIRCLE_MM * math.sin(a)) for a in turned]
-    holes = [*((at, M4_MM) for at in screws), *((at, FLANGE_HOLE_MM) for at in flange)]
-    bores = [Bore((x, y, 0.0), (x, y, PLATE_MM), radius, beyond_mm=(EDGE_MM, EDGE_MM)) for (x, y), radius in holes]
+    to_palm = Screw(f"M4 x {screw_length_mm(PLATE_MM + THREAD_IN_PLASTIC[0] * 4.0):g}, ISO 4762", "plate to palm")
+    to_arm = Screw("M6 x 12, ISO 4762", "plate to the arm's flange (ISO 9409-1-50-4-M6)")
+    holes = [*((at, M4_MM, to_palm) for at in screws), *((at, FLANGE_HOLE_MM, to_arm) for at in flange)]
+    bores = [
+        Bore((x, y, 0.0), (x, y, PLATE_MM), radius, beyond_mm=(EDGE_MM, EDGE_MM), screw=screw)
+        for (x, y), radius, screw in holes
+    ]
     return Form("palm_plate", "plate between palm and arm", "pla", (Prism(outline, 0.0, PLATE_MM),), tuple(bores))
 
 
@@ -154,24 +170,111 @@ def _slot(slot: HandSlot, seat: foot.Seat) -> tuple[Prism, Prism]:
     return notch, mortise
 
 
+@dataclass(frozen=True)
+class PinScrew:
+    """The cross pin of a slot; lengths along it, from the slot's middle towards the palm's nearer side.
+
+    Attributes:
+        length_mm: of ISO 4762.
+        side_mm: where the palm's side is.
+        sunk_mm: of the head's seat below that side.
+    """
+
+    length_mm: float
+    side_mm: float
+    sunk_mm: float
+
+    @property
+    def tip_mm(self) -> float:
+        """Where the screw ends."""
+        return self.side_mm - self.sunk_mm - self.length_mm
+
+    @property
+    def floor_mm(self) -> float:
+        """Where the hole of its thread ends."""
+        return self.tip_mm - PIN_ROOM_MM
+
+    @property
+    def name(self) -> str:
+        """As it is ordered."""
+        return f"M3 x {self.length_mm:g}, ISO 4762"
+
+
+def pin_screw(hand: Hand, name: str) -> PinScrew:
+    """Return the cross pin of a slot: the one whose head is sunk least and leaves it the thread that it needs.
+
+    Where too little palm would be left below its head, the next longer one stands on the palm's side.
+
+    Raises:
+        PartError: no length of ISO 4762 fits.
+    """
+    side_mm = 500.0 * hand.palm_size_m[1] - abs(1e3 * hand.slots[name].position_m[1])
+    mortise_mm = foot.HALF_WIDTH_MM + CLEARANCE_MM
+    needed_mm = side_mm + mortise_mm + PIN_THREAD_MM
+    shorter = [PinScrew(one, side_mm, needed_mm - one) for one in reversed(ISO_4762_MM) if one <= needed_mm]
+    longer = [PinScrew(one, side_mm, 0.0) for one in ISO_4762_MM if one > needed_mm]
+    for screw in (*shorter[:1], *longer[:1]):
+        is_seated = side_mm - screw.sunk_mm - mortise_mm >= MIN_PIN_SEAT_MM
+        is_deep = -screw.tip_mm - mortise_mm > MAX_PIN_THREAD_MM
+        if screw.sunk_mm <= MAX_PIN_SINK_MM and is_seated and not is_deep:
+            return screw
+    longest_mm = ISO_4762_MM[-1] + MAX_PIN_SINK_MM - PIN_THREAD_MM - mortise_mm
+    raise PartError(
+        f"slot {name}: expected its middle {mortise_mm + MIN_PIN_SEAT_MM:g} to {longest_mm:g} mm from the palm's side, "
+        f"where an M3 screw of ISO 4762 is its cross pin, found {side_mm:g} mm; move the slot or change the palm"
+    )
+
+
 def _check_pins(hand: Hand, seats: dict[str, foot.Seat]) -> None:
-    """Raise PartError where a cross pin on its way to the palm's side meets the foot of another slot."""
-    reach = foot.PIN_RADIUS_MM + CLEARANCE_MM
-    for name, seat in seats.items():
-        pose = finger_pose(hand.slots[name])
-        outwards = _outwards(pose) * pose.z_axis[1]
-        start = pose.matrix @ np.array([seat.pin_mm, foot.PIN_Y_MM, 0.0, 1.0])
-        for other, beside in seats.items():
-            place = finger_pose(hand.slots[other])
-            if (place.origin[1] - pose.origin[1]) * outwards <= 0.0:
-                continue
-            x, y = (np.linalg.inv(place.matrix) @ start)[:2]
-            along = beside.end_mm - reach < x < beside.shoulder_mm + reach
-            if along and foot.Y_MM[0] - reach < y < foot.Y_MM[1] + reach:
-                raise PartError(
-                    f"slot {name}: expected a cross pin that reaches the palm's side, found the foot of '{other}' in "
-                    "its way; move one of them along x"
-                )
+    """Raise PartError where a cross pin, from the palm's side to the end of its thread, meets another slot or pin."""
+    screws = {name: pin_screw(hand, name) for name in seats}
+    poses = {name: finger_pose(hand.slots[name]) for name in seats}
+    spans = {name: _pin_span(poses[name], screws[name]) for name in seats}
+    pins_meet = ""
+    for name, other in itertools.permutations(seats, 2):
+        start = poses[name].matrix @ np.array([seats[name].pin_mm, foot.PIN_Y_MM, 0.0, 1.0])
+        at = np.linalg.inv(poses[other].matrix) @ start
+        if _meets_slot(seats[other], (at[0], at[1]), _beside(spans[name], poses[other].origin[1])):
+            raise PartError(
+                f"slot {name}: expected a cross pin with nothing in its way, found the foot of '{other}' in its way; "
+                "move one of them"
+            )
+        apart_mm = math.hypot(at[0] - seats[other].pin_mm, at[1] - foot.PIN_Y_MM)
+        gap_mm = max(spans[name][0] - spans[other][1], spans[other][0] - spans[name][1])
+        if apart_mm < 2.0 * foot.PIN_RADIUS_MM + NOZZLE_MM and gap_mm < NOZZLE_MM and not pins_meet:
+            pins_meet = f"slot {name}: expected a cross pin with nothing in its way, found that of '{other}'; move one"
+    if pins_meet:
+        raise PartError(pins_meet)
+
+
+def _pin_span(pose: PartPose, screw: PinScrew) -> tuple[float, float]:
+    """Return from where to where along the palm's y the holes of a pin reach."""
+    ends = [pose.origin[1] + _outwards(pose) * pose.z_axis[1] * z for z in (screw.floor_mm, screw.side_mm)]
+    return min(ends), max(ends)
+
+
+def _beside(span: tuple[float, float], middle: float) -> float:
+    """Return how far a span is from a place; 0 where it holds it."""
+    return max(span[0] - middle, middle - span[1], 0.0)
+
+
+def _meets_slot(seat: foot.Seat, at_mm: Point2, beside_mm: float) -> bool:
+    """Return whether a pin's hole leaves less than a nozzle's width of wall to a slot.
+
+    Args:
+        seat: of the slot.
+        at_mm: (x, y) of the pin in the frame of the slot's finger.
+        beside_mm: from the slot's middle to the nearest of the hole, along the pin.
+    """
+    x_mm, y_mm = at_mm
+    reach = foot.PIN_RADIUS_MM + NOZZLE_MM
+    low, high = (y - sign * CLEARANCE_MM for y, sign in zip(foot.Y_MM, (1.0, -1.0), strict=True))
+    in_mortise = x_mm < seat.shoulder_mm + reach and low - reach < y_mm < high + reach
+    back = foot.Y_MM[1] + foot.SHOULDER_MM + CLEARANCE_MM
+    in_notch = x_mm > seat.shoulder_mm - reach and y_mm < back + reach
+    return (in_mortise and beside_mm < foot.HALF_WIDTH_MM + CLEARANCE_MM + NOZZLE_MM) or (
+        in_notch and beside_mm < NOTCH_HALF_WIDTH_MM + NOZZLE_MM
+    )
 
 
 def _outwards(pose: PartPose) -> float:
@@ -179,21 +282,18 @@ def _outwards(pose: PartPose) -> float:
     return 1.0 if pose.origin[1] * pose.z_axis[1] >= 0.0 else -1.0
 
 
-def _pin(slot: HandSlot, seat: foot.Seat, half_palm_mm: float) -> tuple[Bore, Bore]:
-    """Return the hole of the cross pin from the palm's nearer side to the mortise, and its thread beyond it."""
+def _pin(slot: HandSlot, seat: foot.Seat, screw: PinScrew) -> tuple[Bore, Bore, Bore]:
+    """Return the holes of a cross pin: its head's, its shank's to the slot's middle, and its thread's beyond that."""
     pose = finger_pose(slot)
     outwards = _outwards(pose)
-    mortise = foot.HALF_WIDTH_MM + CLEARANCE_MM
-    side = half_palm_mm - abs(pose.origin[1])
 
     def at(z_mm: float) -> Point3:
         local = np.array([seat.pin_mm, foot.PIN_Y_MM, outwards * z_mm, 1.0])
         return _point((pose.matrix @ local)[:3])
 
-    return (
-        Bore(at(0.0), at(side), foot.PIN_RADIUS_MM, beyond_mm=(0.0, EDGE_MM)),
-        Bore(at(-mortise - PIN_THREAD_MM), at(0.0), foot.PIN_TAP_RADIUS_MM),
-    )
+    head = Bore(at(screw.side_mm - screw.sunk_mm), at(screw.side_mm), PIN_HEAD_RADIUS_MM, beyond_mm=(0.0, EDGE_MM))
+    shank = Bore(at(0.0), at(screw.side_mm), foot.PIN_RADIUS_MM, beyond_mm=(0.0, EDGE_MM))
+    return head, shank, Bore(at(screw.floor_mm), at(0.0), foot.PIN_TAP_RADIUS_MM)
 
 
 def _window(length_mm: float, bottom_mm: float) -> Prism:
