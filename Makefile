@@ -47,7 +47,8 @@ panel-setup:  ## NiceGUI and what else makes the operator's page (docs/panel.md)
 
 $(EXTRAS:%=%-setup): %-setup: $(VENV)/.%
 
-$(EXTRAS:%=$(VENV)/.%): $(VENV)/.%: requirements-%.lock | setup
+# set-up installs its own versions again, and an extra may want a newer one
+$(EXTRAS:%=$(VENV)/.%): $(VENV)/.%: requirements-%.lock $(STAMP) | setup
 	@. .ci/stage.sh; stage "Python packages of $<" \
 	  $(BIN)/python -m pip --disable-pip-version-check install -q --no-deps --require-hashes --only-binary :all: -r $<
 	@touch $@
