@@ -86,6 +86,7 @@ def shown(browser: PanelBrowser, folder: Path) -> None:
     browser.open("/grasps")
     browser.press("show-1")
     browser.wait(lambda: browser.count(".pictures img") == len(("before", "at", "after")), "its pictures")
+    browser.wait(lambda: browser.script("return !!document.getElementById('curve').drawn"), "its curve")
     take(browser, folder, "grasps")
     for name in ("records", "bags", "setup"):
         browser.open(f"/{name}")
@@ -101,11 +102,8 @@ def fitted(browser: PanelBrowser, folder: Path) -> None:
 
 
 def tablet(browser: PanelBrowser, folder: Path) -> None:
-    """Take pages as a tablet shows them: the cell, and a step of a swap, which is ended again."""
+    """Take a step of a swap as a tablet shows it; it is ended again."""
     browser.resize(*TABLET)
-    browser.open("/")
-    browser.wait(lambda: browser.script("return !!document.getElementById('camera').dataset.number"), "a picture")
-    take(browser, folder, "tablet_cell")
     browser.open("/swap")
     browser.press("swap-pinch")
     browser.wait_for_text("#instruction", "pen the palm")

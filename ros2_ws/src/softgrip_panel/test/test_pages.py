@@ -579,6 +579,19 @@ def test_a_page_fits_every_screen_and_axe_finds_nothing_serious(browser: PanelBr
     browser.find("#theme").click()
 
 
+def test_a_chosen_theme_stays_on_every_page(browser: PanelBrowser) -> None:
+    browser.open("/")
+    for _ in range(2):  # dark, then light again for the tests that follow
+        chosen = browser.script("return document.body.classList.contains('body--dark') ? 'body--light' : 'body--dark'")
+        browser.find("#theme").click()
+        for path in PAGES:
+            browser.open(path)
+            browser.wait(
+                lambda: browser.script("return !document.body.classList.contains('disconnected')"), "live data"
+            )
+            assert chosen in browser.script("return document.body.className"), path
+
+
 @pytest.mark.parametrize(("name", "role"), [("Eve", "looks only"), ("Ada", "operates")])
 def test_every_page_in_a_smaller_role_has_only_what_that_role_may(
     guarded_site: RunningSite, name: str, role: str

@@ -30,11 +30,17 @@ async function stop() {
   }
 }
 
+const isDark = () => document.body.classList.contains("body--dark");
+
+function wantsDark() {
+  const chosen = localStorage.getItem("softgrip_theme");
+  return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+}
+
 function setTheme(dark) {
   window.Quasar?.Dark?.set(dark);
   document.body.classList.toggle("body--dark", dark);
   document.body.classList.toggle("body--light", !dark);
-  localStorage.setItem("softgrip_theme", dark ? "dark" : "light");
   drawTensions();
   drawCheck();
   if (byId("curve")) drawGrasp(byId("curve"));
@@ -56,7 +62,10 @@ document.addEventListener("click", (event) => {
   if (event.target.closest("#estop")) stop();
   const copy = event.target.closest(".copy");
   if (copy) copyCommand(copy);
-  if (event.target.closest("#theme")) setTheme(!document.body.classList.contains("body--dark"));
+  if (event.target.closest("#theme")) {
+    localStorage.setItem("softgrip_theme", isDark() ? "light" : "dark");
+    setTheme(wantsDark());
+  }
 });
 
 // --- camera: the picture, then what the model predicts and what the markers show
@@ -279,7 +288,7 @@ function connect() {
   };
 }
 
-const theme = localStorage.getItem("softgrip_theme");
-if (theme) setTheme(theme === "dark");
-else setTheme(matchMedia("(prefers-color-scheme: dark)").matches);
+setTheme(wantsDark());
+// Quasar starts after this script, and follows the computer instead of what was chosen here
+new MutationObserver(() => isDark() !== wantsDark() && setTheme(wantsDark())).observe(document.body, { attributeFilter: ["class"] });
 connect();
