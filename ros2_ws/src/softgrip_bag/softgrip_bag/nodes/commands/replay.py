@@ -5,9 +5,14 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+# the nodes of a cell have one thread of OpenBLAS (cell.launch.yaml): with more, its sums differ in their last bits.
+# numpy reads it when it is imported
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.replay import NODES, check
