@@ -84,7 +84,7 @@ def test_the_rehearsal_has_the_commands_of_the_pages_that_it_stands_for() -> Non
 @pytest.mark.long
 @pytest.mark.timeout(600)
 def test_from_the_boxes_to_the_first_grasp(terminal: Open, tmp_path: Path) -> None:
-    bench, wizard, plug_in, sections, first_run = blocks("rehearsal.md")[:5]
+    bench, wizard, plug_in, sections, first_run, cell_that_works, egg = blocks("rehearsal.md")[:7]
     at_bench = terminal(bench)
     assert at_bench.read_until(("wires in wires",), 60.0), at_bench.text
     at_wizard = terminal(wizard)
@@ -123,3 +123,10 @@ def test_from_the_boxes_to_the_first_grasp(terminal: Open, tmp_path: Path) -> No
     page = (tmp_path / "first_run" / "first_run.html").read_text()
     assert "A rehearsal on an emulated bench" in page
     assert record["digest"] in page
+
+    at_cell = terminal(cell_that_works)
+    assert at_cell.read_until(("the page is at",), 120.0), at_cell.text[-3000:]
+    at_egg = terminal(egg)
+    assert at_egg.read_until(("egg: ",), 240.0), at_egg.text[-3000:]
+    assert at_egg.process.wait(30.0) == 0, at_egg.text[-3000:]
+    assert "egg: GRIPPED" in at_egg.text
