@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+#: rmw keeps it in 32 bits; so many messages no publisher keeps
+MAX_DEPTH = 2**31 - 1
 INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -25,12 +27,13 @@ class OfferedQos:
 
     @classmethod
     def from_map(cls, values: Mapping[str, Any]) -> OfferedQos:
-        """Return what a bag's mapping says; words since metadata version 9, rmw's numbers before."""
+        """Return what a bag's mapping says; words since metadata version 9, rmw's numbers before; else the default."""
+        depth = values.get("depth")
         return cls(
             reliability=_word(values.get("reliability"), {2: "best_effort"}, "reliable"),
             durability=_word(values.get("durability"), {1: "transient_local"}, "volatile"),
             history=_word(values.get("history"), {2: "keep_all"}, "keep_last"),
-            depth=int(values.get("depth") or 10),
+            depth=depth if isinstance(depth, int) and 0 < depth <= MAX_DEPTH else cls.depth,
         )
 
     def as_map(self) -> dict[str, object]:
@@ -51,7 +54,7 @@ class OfferedQos:
 def _word(value: Any, numbers: Mapping[int, str], default: str) -> str:
     if isinstance(value, str):
         return value if value in {*numbers.values(), default} else default
-    return numbers.get(value, default)
+    return numbers.get(value, default) if isinstance(value, int) else default
 
 
 def publishers_type(publishers: Sequence[str]) -> str:

@@ -170,8 +170,12 @@ def facts(bag: Path) -> dict[str, dict[str, str]]:
 
 @functools.cache
 def _offered(text: str) -> tuple[dict[str, object], ...]:
-    """Topics of a cell offer few different profiles; YAML is slow."""
-    return tuple(yaml.safe_load(text) or ())
+    """Topics of a cell offer few different profiles; YAML is slow. Of other tools, what is no list of maps is none."""
+    try:
+        offered = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError):
+        return ()
+    return tuple(one for one in offered if isinstance(one, dict)) if isinstance(offered, list) else ()
 
 
 def offered_qos(channel: Channel) -> tuple[dict[str, object], ...]:

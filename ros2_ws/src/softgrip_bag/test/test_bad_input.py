@@ -7,6 +7,7 @@ import csv
 import errno
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,7 +16,7 @@ from softgrip_bag.errors import BagError
 from softgrip_bag.nodes.commands import export, info, play, replay, report
 from softgrip_bag.nodes.messages import interface_text
 from softgrip_bag.offers import OfferedQos
-from softgrip_bag.reader import bag_files, read
+from softgrip_bag.reader import bag_files, offered_qos, read
 from softgrip_bag.repair import repair
 from softgrip_bag.schema_text import schema_text
 from softgrip_bag.statistics import statistics
@@ -152,3 +153,20 @@ def test_tables_hold_every_field_of_every_message(tmp_path: Path) -> None:
     table = parquet.read_table(tmp_path / "parquet" / "a.parquet").to_pydict()
     assert table["data"] == ["hi"] * 3
     assert table["received_ns"] == [1_000_000_000 + index for index in range(3)]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{depth: [1]}",
+        "- 7",
+        "- {depth: many, reliability: [1], durability: {a: 1}, history: .nan}",
+        "- {depth: -3}",
+        "- {",
+        "&a [*a]",
+    ],
+)
+def test_qos_that_no_tool_of_ours_wrote_is_the_default(text: str) -> None:
+    channel = SimpleNamespace(metadata={"offered_qos_profiles": text})
+    for offer in offered_qos(channel):
+        assert OfferedQos.from_map(offer) == OfferedQos()

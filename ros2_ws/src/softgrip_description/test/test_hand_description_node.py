@@ -14,12 +14,14 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from softgrip_description import link_poses, shipped_hand, slot_pose
+from softgrip_description.nodes.hand_description import StatePublisherLink
 from softgrip_interfaces.msg import CellState, FingerState, FingerStates, MountedFinger
 from softgrip_model.profile import load, shipped_directory
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, to_time_message
@@ -225,3 +227,13 @@ def test_a_hand_file_that_does_not_exist_is_a_reason_to_refuse_to_start(peer: Pe
     process = peer.start("hand_file:=/nonexistent/hand.yaml")
     assert process.wait(60.0) == 2
     assert "expected a hand file, found: " in process.stderr.read()
+
+
+def test_a_description_that_was_not_taken_is_given_again() -> None:
+    link = StatePublisherLink.__new__(StatePublisherLink)
+    link.text, link._given = "a robot", ""
+    answer = Future()
+    answer.set_exception(RuntimeError("busy"))
+    link._answer = (link.text, answer)
+    link._on_answer(*link._answer)
+    assert (link._answer, link._given) == (None, "")

@@ -99,7 +99,10 @@ class StatePublisherLink:
             self._answer = (self.text, self._client.call_async(request))
 
     def _on_answer(self, text: str, future: Future[SetParameters.Response]) -> None:
-        self._given, self._answer = text, None
+        self._answer = None
+        if future.exception() is not None:
+            return  # it was too busy to take it: `_give` asks again
+        self._given = text
         result = future.result().results[0]
         self._report("" if result.successful else f"robot_state_publisher refuses the description: {result.reason}")
 
