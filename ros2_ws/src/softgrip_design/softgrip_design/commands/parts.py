@@ -13,6 +13,7 @@ from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from softgrip_description.cell_file import load_cell
@@ -162,19 +163,31 @@ def _write_parts(kit: Kit, folder: Path) -> tuple[dict[str, Solid], dict[str, So
         the parts, and those of other servos, by name of their form.
     """
     channels = {finger.form.name: finger.channels for finger in kit.fingers.values()}
-
-    def made(forms: Sequence[Form]) -> dict[str, Solid]:
-        return {form.name: make_solid(form, channels.get(form.name, ())) for form in forms}
-
-    solids, others = made(kit.forms), made([form for one in kit.instead for form in one.forms])
+    others = [form for one in kit.instead for form in one.forms]
     drawings = {finger.form.name: figure_of(finger) for finger in kit.fingers.values()}
-    for place, made_here in ((folder, solids), (folder / OTHER_SERVOS, others)):
-        if made_here:
-            place.mkdir(parents=True, exist_ok=True)
-        for name, solid in made_here.items():
-            write_part(solid, place)
-            write_svg(drawings.get(name) or views_of(solid), place / f"{name}.svg")
-    return solids, others
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=Console(stderr=True), transient=True
+    ) as progress:
+        task = progress.add_task("", total=2 * (len(kit.forms) + len(others)))
+
+        def made(forms: Sequence[Form]) -> dict[str, Solid]:
+            found = {}
+            for form in forms:
+                progress.update(task, description=f"making and checking {form.name}")
+                found[form.name] = make_solid(form, channels.get(form.name, ()))
+                progress.advance(task)
+            return found
+
+        solids, other_solids = made(kit.forms), made(others)
+        for place, made_here in ((folder, solids), (folder / OTHER_SERVOS, other_solids)):
+            if made_here:
+                place.mkdir(parents=True, exist_ok=True)
+            for name, solid in made_here.items():
+                progress.update(task, description=f"writing {name}")
+                write_part(solid, place)
+                write_svg(drawings.get(name) or views_of(solid), place / f"{name}.svg")
+                progress.advance(task)
+    return solids, other_solids
 
 
 def _print_parts(printed: Sequence[PrintedRow], folder: Path, seconds: float) -> None:
