@@ -32,6 +32,7 @@ from softgrip_description.cell_file import (
     load_cell,
     save_cell,
 )
+from softgrip_driver.commands import setup
 from softgrip_driver.commands.person import GivenAnswers, WrittenAnswers
 from softgrip_driver.commands.wizard import SECTION_OPTIONS
 from softgrip_driver.errors import ConfigurationError
@@ -134,6 +135,8 @@ def test_a_fault_of_the_page_is_named_by_its_step(
     assert bad.status is StepStatus.BAD, wrong
     assert any(words in complaint for complaint in bad.complaints), bad.complaints
     bench.cell.faults.clear()
+    for line in re.findall(r"`ros2 run softgrip_driver setup ([^`]+ --reboot)`", " ".join(bad.complaints)):
+        assert setup.main(shlex.split(line)) == 0  # what outlives its cause is ended as the step says
     good = bench.look(key)
     assert good.status is StepStatus.GOOD, good.complaints
 
