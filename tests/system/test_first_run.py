@@ -8,6 +8,7 @@ asks for them, presses Enter, and appends to the cell file.
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import signal
 import subprocess
@@ -54,7 +55,7 @@ def terminal(two_environments: tuple[dict[str, str], dict[str, str]], tmp_path: 
 
     def open_terminal(line: str) -> CommandTerminal:
         # the page's second cell takes domain 1; beside other tests it is another one of this test's own
-        line = line.replace("ROS_DOMAIN_ID=1 ", f"ROS_DOMAIN_ID={second['ROS_DOMAIN_ID']} ")
+        line = re.sub(r"\bROS_DOMAIN_ID=1\b", f"ROS_DOMAIN_ID={second['ROS_DOMAIN_ID']}", line)
         opened.append(CommandTerminal(line, environment, tmp_path))
         return opened[-1]
 
