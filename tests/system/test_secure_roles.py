@@ -49,7 +49,7 @@ MATRIX: dict[str, tuple[str, ...]] = {
 }
 OF_EVERY_NODE = {"/parameter_events", "/rosout"}
 #: [s] that each client goes on for at least: several times what the last of a cell's nodes takes to be discovered
-AT_LEAST_S = 20.0 if ON_ZENOH else 45.0
+STAY_S = 20.0 if ON_ZENOH else 45.0
 
 
 def may(role: str) -> set[str]:
@@ -117,7 +117,7 @@ class Clients:
     def begin(self, name: str, identity: dict[str, str], required: set[str]) -> None:
         # what is published comes to somebody else: the listener
         own = sorted(what for what in required if not what.startswith("publishes"))
-        self._start(name, identity, name.replace(" ", "_"), str(AT_LEAST_S), *own)
+        self._start(name, identity, name.replace(" ", "_"), str(STAY_S), *own)
 
     def _start(self, name: str, identity: dict[str, str], *arguments: str) -> None:
         command = [sys.executable, str(CLIENT), *arguments]
@@ -127,7 +127,7 @@ class Clients:
 
     def result(self, name: str) -> dict[str, Any]:
         """Return what came of a client's attempts; nothing where it was not even let begin."""
-        output, errors = self._processes[name].communicate(timeout=AT_LEAST_S + 180.0)
+        output, errors = self._processes[name].communicate(timeout=STAY_S + 180.0)
         nothing: dict[str, Any] = {"came": [], "refused": {}, "nodes": [], "topics": [], "services": []}
         found = json.loads(output.splitlines()[-1]) if output.strip() else nothing | {"ended": errors[-2000:]}
         lines = self._heard.read_text().splitlines()

@@ -13,8 +13,11 @@ from html import escape
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+
 from softgrip_description.hand import shipped_hand
 from softgrip_design.parts import bench, bill, drives, finger_form, foot, palm, screws
+from softgrip_design.parts.assembly import smooth
 from softgrip_design.parts.forms import Form, Prism
 from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_driver.nodes.tendon_parameters import PARAMETERS
@@ -237,21 +240,9 @@ def figure_eight(between: int) -> list[tuple[float, float, float]]:
     Args:
         between: points from one of its knots to the next (Catmull-Rom).
     """
-    other = [(-x, -y, -z) for x, y, z in HALF_KNOT[:0:-1]]
-    points = [*other, *HALF_KNOT]
-    points = [points[0], *points, points[-1]]
-    made = []
-    for a, b, c, d in zip(points, points[1:], points[2:], points[3:], strict=False):
-        for k in range(between):
-            t = k / between
-            made.append(
-                tuple(
-                    0.5 * (2.0 * q + (s - p) * t + (2.0 * p - 5.0 * q + 4.0 * s - w) * t**2
-                           + (3.0 * (q - s) + w - p) * t**3)
-                    for p, q, s, w in zip(a, b, c, d, strict=True)
-                )
-            )  # fmt: skip
-    return [(x, y, z) for x, y, z in made] + [HALF_KNOT[-1]]
+    half = np.array(HALF_KNOT)
+    knots = np.concatenate([-half[:0:-1], half])
+    return [(x, y, z) for x, y, z in smooth([knots[0], *knots, knots[-1]], between).tolist()]
 
 
 def strand(

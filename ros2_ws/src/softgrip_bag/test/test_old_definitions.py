@@ -173,14 +173,16 @@ def test_every_other_field_keeps_its_value_and_a_new_one_is_empty(bag: Path) -> 
 
 
 def test_info_into_a_pipe_that_is_closed_says_nothing(bag: Path) -> None:
-    code = "import time; time.sleep(0.5); from softgrip_bag.nodes.commands.info import main; main()"
-    with subprocess.Popen(
-        [sys.executable, "-c", code, str(bag)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as command:
+    code = "input(); from softgrip_bag.nodes.commands.info import main; main()"
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", code, str(bag)], stdin=pipe, stdout=pipe, stderr=pipe) as command:
+        assert command.stdin is not None
         assert command.stdout is not None
         assert command.stderr is not None
         command.stdout.close()
-        assert command.stderr.read() == ""
+        command.stdin.write(b"\n")
+        command.stdin.close()
+        assert command.stderr.read() == b""
 
 
 def test_report_and_info_tell_what_the_bag_meant(bag: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,7 @@ import softgrip_bag.nodes.commands.replay
 """
 
 
-def test_numpy_of_a_replay_has_one_thread():
+def test_numpy_of_a_replay_has_one_thread() -> None:
     environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
     output = subprocess.run(
         [sys.executable, "-c", WATCH], capture_output=True, text=True, env=environment, check=True

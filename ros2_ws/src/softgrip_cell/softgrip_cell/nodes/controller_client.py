@@ -107,7 +107,7 @@ class CellController:
         return self._call(self._select, SelectProduct.Request(product=product))
 
     def plan(self, products: Sequence[str], quantities: Sequence[int], *, keep_order: bool = False) -> PlanMix.Response:
-        """Ask for the sequence with the fewest swaps.
+        """Ask for the sequence with as few swaps as there can be.
 
         Raises:
             RefusedError: an order cannot be served.

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 import time
@@ -57,9 +56,7 @@ def replay_check(bag: Path, node: str) -> ReplayCheck:
     """Feed a bag through a node's code by the replay command and return what it found."""
     start = time.monotonic()
     command = ["ros2", "run", "softgrip_bag", "replay", str(bag), "--through", node, "--json"]
-    # as in the cell (cell.launch.yaml); the replay sets it too, where numpy is not there before it
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    process = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
     wall_clock_s = time.monotonic() - start
     try:
         # `ros2 run` of Jazzy adds a line when a program ends with another code than 0

@@ -91,14 +91,14 @@ def _sheath(hand: Hand, finger: Solid, slot: str, plate: Solid, beside: PartPose
     out = np.array([500.0 * hand.palm_size_m[0] + 4.0, start[1], -1e3 * hand.flange_position_m[2] + WINDOW_MM[1]])
     towards = np.array([-0.5 * BESIDE_MM, 0.0, 0.0])
     points = [start, start + 4.0 * down, out, end + towards, end]
-    return _tube(_smooth([2.0 * points[0] - points[1], *points, 2.0 * points[-1] - points[-2]]), SHEATH_MM)
+    return _tube(smooth([2.0 * points[0] - points[1], *points, 2.0 * points[-1] - points[-2]]), SHEATH_MM)
 
 
-def _smooth(points: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return points of a Catmull-Rom curve through all but the first and the last, (n, 3)."""
+def smooth(points: Sequence[NDArray[np.float64]], between: int = 16) -> NDArray[np.float64]:
+    """Return a Catmull-Rom curve through all points but the first and the last, (n, 3), so many for each of them."""
     made = []
     for a, b, c, d in zip(points, points[1:], points[2:], points[3:], strict=False):
-        for t in np.linspace(0.0, 1.0, 16, endpoint=False):
+        for t in np.linspace(0.0, 1.0, between, endpoint=False):
             cubic = (3.0 * (b - c) + d - a) * t**3
             made.append(0.5 * (2.0 * b + (c - a) * t + (2.0 * a - 5.0 * b + 4.0 * c - d) * t**2 + cubic))
     return np.array([*made, points[-2]])
