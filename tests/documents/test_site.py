@@ -13,7 +13,7 @@ import pytest
 
 from softgrip_testing.scripts import load_script
 
-pytest.importorskip("docutils", reason="make docs-setup")
+pytest.importorskip("sphinx", reason="make docs-setup")
 
 ROOT = Path(__file__).resolve().parents[2]
 EQUATION = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)

@@ -100,9 +100,9 @@ def keys(tmp_path_factory: pytest.TempPathFactory, policy: Policy) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def module_network(keys: Path, policy: Policy) -> Iterator[Network]:
-    """One network for all tests of a module."""
+@pytest.fixture(scope="class")
+def class_network(keys: Path, policy: Policy) -> Iterator[Network]:
+    """One network for all tests of a class."""
     made = Network(keys, policy)
     yield made
     made.close()

@@ -60,9 +60,9 @@ class Honest:
         token.undeclare()
 
 
-@pytest.fixture(scope="module")
-def honest(module_network: Any) -> Honest:
-    return Honest(module_network)
+@pytest.fixture(scope="class")
+def honest(class_network: Any) -> Honest:
+    return Honest(class_network)
 
 
 def own_node(identity: PolicyIdentity) -> str:
@@ -88,137 +88,145 @@ def is_answered(session: zenoh.Session, key: str) -> bool:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_it_publishes_what_it_may_and_nothing_else(honest: Honest, policy: Policy, name: str) -> None:
-    identity, network = policy.identity(name), honest.network
-    heard: set[str] = set()
-    listeners = [
-        honest.sessions[one.name].declare_subscriber(network.data_key(topic), lambda _, topic=topic: heard.add(topic))
-        for one in policy.identities
-        for topic in granted(one, Grant.SUBSCRIBE, topics(policy))
-    ]
-    session = honest.taken_over(name)
-    allowed = granted(identity, Grant.PUBLISH, topics(policy))
+class TestTokens:
+    """What the graph shows; first, as tokens cost three times as much in a process whose sessions knew many keys."""
 
-    def publish() -> bool:
-        for topic in [*sorted(set(topics(policy)) - allowed), *sorted(allowed)]:
-            session.put(network.data_key(topic), name.encode())
-        return allowed <= heard
-
-    wait_until(publish, f"what {name} may publish is heard")
-    honest.settle(session, identity)
-    assert heard == allowed
-    session.close()
-    for listener in listeners:
-        listener.undeclare()
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_it_hears_what_it_may_and_nothing_else(honest: Honest, policy: Policy, name: str) -> None:
-    identity, network = policy.identity(name), honest.network
-    session = honest.taken_over(name)
-    heard: set[str] = set()
-    everything: set[str] = set()
-    for topic in topics(policy):
-        session.declare_subscriber(network.data_key(topic), lambda _, topic=topic: heard.add(topic))
-    session.declare_subscriber("**", lambda sample: everything.add(str(sample.key_expr)))
-    allowed = granted(identity, Grant.SUBSCRIBE, topics(policy))
-
-    def publish() -> bool:
-        for one in policy.identities:
-            for topic in one.topics(Grant.PUBLISH):
-                honest.sessions[one.name].put(network.data_key(topic), one.name.encode())
-        return allowed <= heard
-
-    wait_until(publish, f"{name} hears what it may")
-    publish()  # what is denied has been sent twice when this arrives
-    honest.settle(session, identity)
-    assert heard == allowed
-    assert everything <= {network.data_key(topic) for topic in allowed}
-    session.close()
+    def test_it_is_seen_as_itself_and_with_its_own_endpoints_only(
+        self, honest: Honest, policy: Policy, name: str
+    ) -> None:
+        identity, network = policy.identity(name), honest.network
+        session = honest.taken_over(name)
+        own, other = own_node(identity), "camera" if name == "emulated_cell" else "emulated_cell"
+        genuine = {network.node_token(session, own)}
+        forged = {
+            network.node_token(session, one.name) for one in policy.identities if one.name not in identity.node_names
+        }
+        for kind, grant, names in (
+            ("MP", Grant.PUBLISH, topics(policy)),
+            ("MS", Grant.SUBSCRIBE, topics(policy)),
+            ("SS", Grant.SERVE, services(policy)),
+            ("SC", Grant.CALL, services(policy)),
+        ):
+            may = granted(identity, grant, names)
+            genuine |= {network.endpoint_token(session, own, kind, one) for one in may}
+            forged |= {network.endpoint_token(session, own, kind, one) for one in set(names) - may}
+            forged |= {network.endpoint_token(session, other, kind, one) for one in names}
+        tokens = [session.liveliness().declare_token(key) for key in [*sorted(forged), *sorted(genuine)]]
+        for who in honest.sessions:
+            wait_until(lambda who=who: genuine <= honest.seen(who, session), f"{name} is seen by {who}")
+            assert honest.seen(who, session) == genuine
+        session.close()
+        del tokens
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_it_is_answered_by_what_it_may_call_and_by_nothing_else(honest: Honest, policy: Policy, name: str) -> None:
-    identity, network = policy.identity(name), honest.network
-    asked: set[str] = set()
+class TestMessages:
+    """Topics and services; all on one network."""
 
-    def answer(query: zenoh.Query, service: str) -> None:
-        asked.add(service)
-        query.reply(network.data_key(service), b"done")
+    def test_it_publishes_what_it_may_and_nothing_else(self, honest: Honest, policy: Policy, name: str) -> None:
+        identity, network = policy.identity(name), honest.network
+        heard: set[str] = set()
+        listeners = [
+            honest.sessions[one.name].declare_subscriber(
+                network.data_key(topic), lambda _, topic=topic: heard.add(topic)
+            )
+            for one in policy.identities
+            for topic in granted(one, Grant.SUBSCRIBE, topics(policy))
+        ]
+        session = honest.taken_over(name)
+        allowed = granted(identity, Grant.PUBLISH, topics(policy))
 
-    servers = [
-        honest.sessions[one.name].declare_queryable(
-            network.data_key(service), lambda query, service=service: answer(query, service), complete=True
-        )
-        for one in policy.identities
-        for service in one.services(Grant.SERVE)
-    ]
-    session = honest.taken_over(name)
-    allowed = granted(identity, Grant.CALL, services(policy))
-    for service in sorted(allowed):
-        key = network.data_key(service)
-        wait_until(lambda key=key: is_answered(session, key), f"{service} answers {name}")
-    for service in sorted(set(services(policy)) - allowed):
-        assert not is_answered(session, network.data_key(service)), f"{service} answered {name}"
-    assert asked == allowed
-    session.close()
-    for server in servers:
-        server.undeclare()
+        def publish() -> bool:
+            for topic in [*sorted(set(topics(policy)) - allowed), *sorted(allowed)]:
+                session.put(network.data_key(topic), name.encode())
+            return allowed <= heard
 
+        wait_until(publish, f"what {name} may publish is heard")
+        honest.settle(session, identity)
+        assert heard == allowed
+        session.close()
+        for listener in listeners:
+            listener.undeclare()
 
-@pytest.mark.parametrize("name", NAMES)
-def test_it_serves_what_it_may_and_is_asked_nothing_else(honest: Honest, policy: Policy, name: str) -> None:
-    identity, network = policy.identity(name), honest.network
-    session = honest.taken_over(name)
-    asked: set[str] = set()
+    def test_it_hears_what_it_may_and_nothing_else(self, honest: Honest, policy: Policy, name: str) -> None:
+        identity, network = policy.identity(name), honest.network
+        session = honest.taken_over(name)
+        heard: set[str] = set()
+        everything: set[str] = set()
+        for topic in topics(policy):
+            session.declare_subscriber(network.data_key(topic), lambda _, topic=topic: heard.add(topic))
+        session.declare_subscriber("**", lambda sample: everything.add(str(sample.key_expr)))
+        allowed = granted(identity, Grant.SUBSCRIBE, topics(policy))
 
-    def answer(query: zenoh.Query, service: str) -> None:
-        asked.add(service)
-        query.reply(network.data_key(service), b"mine")
+        def publish() -> bool:
+            for one in policy.identities:
+                for topic in one.topics(Grant.PUBLISH):
+                    honest.sessions[one.name].put(network.data_key(topic), one.name.encode())
+            return allowed <= heard
 
-    for service in services(policy):
-        session.declare_queryable(
-            network.data_key(service), lambda query, service=service: answer(query, service), complete=True
-        )
-    callers = {
-        service: honest.sessions[one.name]
-        for one in policy.identities
-        for service in granted(one, Grant.CALL, services(policy))
-    }
-    allowed = granted(identity, Grant.SERVE, services(policy)) & callers.keys()
-    for service in sorted(allowed):
-        key, caller = network.data_key(service), callers[service]
-        wait_until(lambda key=key, caller=caller: is_answered(caller, key), f"{name} serves {service}")
-    honest.settle(session, identity)
-    for service in sorted(callers.keys() - allowed):
-        assert not is_answered(callers[service], network.data_key(service)), f"{name} served {service}"
-    assert asked == allowed
-    session.close()
+        wait_until(publish, f"{name} hears what it may")
+        publish()  # what is denied has been sent twice when this arrives
+        honest.settle(session, identity)
+        assert heard == allowed
+        assert everything <= {network.data_key(topic) for topic in allowed}
+        session.close()
 
+    def test_it_is_answered_by_what_it_may_call_and_by_nothing_else(
+        self, honest: Honest, policy: Policy, name: str
+    ) -> None:
+        identity, network = policy.identity(name), honest.network
+        asked: set[str] = set()
 
-@pytest.mark.parametrize("name", NAMES)
-def test_it_is_seen_as_itself_and_with_its_own_endpoints_only(honest: Honest, policy: Policy, name: str) -> None:
-    identity, network = policy.identity(name), honest.network
-    session = honest.taken_over(name)
-    own, other = own_node(identity), "camera" if name == "emulated_cell" else "emulated_cell"
-    genuine = {network.node_token(session, own)}
-    forged = {network.node_token(session, one.name) for one in policy.identities if one.name not in identity.node_names}
-    for kind, grant, names in (
-        ("MP", Grant.PUBLISH, topics(policy)),
-        ("MS", Grant.SUBSCRIBE, topics(policy)),
-        ("SS", Grant.SERVE, services(policy)),
-        ("SC", Grant.CALL, services(policy)),
-    ):
-        may = granted(identity, grant, names)
-        genuine |= {network.endpoint_token(session, own, kind, one) for one in may}
-        forged |= {network.endpoint_token(session, own, kind, one) for one in set(names) - may}
-        forged |= {network.endpoint_token(session, other, kind, one) for one in names}
-    tokens = [session.liveliness().declare_token(key) for key in [*sorted(forged), *sorted(genuine)]]
-    for who in honest.sessions:
-        wait_until(lambda who=who: genuine <= honest.seen(who, session), f"{name} is seen by {who}")
-        assert honest.seen(who, session) == genuine
-    session.close()
-    del tokens
+        def answer(query: zenoh.Query, service: str) -> None:
+            asked.add(service)
+            query.reply(network.data_key(service), b"done")
+
+        servers = [
+            honest.sessions[one.name].declare_queryable(
+                network.data_key(service), lambda query, service=service: answer(query, service), complete=True
+            )
+            for one in policy.identities
+            for service in one.services(Grant.SERVE)
+        ]
+        session = honest.taken_over(name)
+        allowed = granted(identity, Grant.CALL, services(policy))
+        for service in sorted(allowed):
+            key = network.data_key(service)
+            wait_until(lambda key=key: is_answered(session, key), f"{service} answers {name}")
+        for service in sorted(set(services(policy)) - allowed):
+            assert not is_answered(session, network.data_key(service)), f"{service} answered {name}"
+        assert asked == allowed
+        session.close()
+        for server in servers:
+            server.undeclare()
+
+    def test_it_serves_what_it_may_and_is_asked_nothing_else(self, honest: Honest, policy: Policy, name: str) -> None:
+        identity, network = policy.identity(name), honest.network
+        session = honest.taken_over(name)
+        asked: set[str] = set()
+
+        def answer(query: zenoh.Query, service: str) -> None:
+            asked.add(service)
+            query.reply(network.data_key(service), b"mine")
+
+        for service in services(policy):
+            session.declare_queryable(
+                network.data_key(service), lambda query, service=service: answer(query, service), complete=True
+            )
+        callers = {
+            service: honest.sessions[one.name]
+            for one in policy.identities
+            for service in granted(one, Grant.CALL, services(policy))
+        }
+        allowed = granted(identity, Grant.SERVE, services(policy)) & callers.keys()
+        for service in sorted(allowed):
+            key, caller = network.data_key(service), callers[service]
+            wait_until(lambda key=key, caller=caller: is_answered(caller, key), f"{name} serves {service}")
+        honest.settle(session, identity)
+        for service in sorted(callers.keys() - allowed):
+            assert not is_answered(callers[service], network.data_key(service)), f"{name} served {service}"
+        assert asked == allowed
+        session.close()
 
 
 def test_a_latched_topic_reaches_who_may_see_it_late_and_nobody_else(network: Any) -> None:

@@ -75,8 +75,11 @@ class Launched:
         """Ctrl-C."""
         os.killpg(self.process.pid, signal.SIGINT)
 
-    def survivors(self, timeout: float = 5.0) -> list[str]:
-        """Return the command lines of processes of this launch that outlive ``timeout`` [s]."""
+    def survivors(self, timeout: float = 30.0) -> list[str]:
+        """Return the command lines of processes of this launch that outlive ``timeout`` [s].
+
+        Launch kills a keeper after ten seconds, not its node: a recorder may still be writing to a slow disk then.
+        """
         deadline = time.monotonic() + timeout
         while (left := self._alive()) and time.monotonic() < deadline:
             self._reader.join(0.05)

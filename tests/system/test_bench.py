@@ -85,11 +85,19 @@ QUESTIONS = {
     "rig": (("topic", "echo", "--once", "load_cell/wrench"), "force"),
     "camera": (("topic", "echo", "--once", "camera/camera_info"), "width: 640"),
 }
-EVERY = [chosen for count in range(4) for chosen in itertools.combinations(SECTIONS, count)]
+EVERY = [
+    pytest.param(
+        chosen,
+        id=" and ".join(chosen) or "nothing",
+        marks=[] if chosen in {(), ("servos",), (*SECTIONS,)} else [pytest.mark.long],
+    )
+    for count in range(4)
+    for chosen in itertools.combinations(SECTIONS, count)
+]
 
 
 @pytest.mark.timeout(240)
-@pytest.mark.parametrize("devices", EVERY, ids=lambda devices: " and ".join(devices) or "nothing")
+@pytest.mark.parametrize("devices", EVERY)
 def test_a_bench_with_any_of_its_devices_uses_them_and_says_what_it_lacks(
     launch: Launch, tmp_path: Path, wires: Path, devices: tuple[str, ...]
 ) -> None:

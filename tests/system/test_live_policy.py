@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("gymnasium")
+pytest.importorskip("gymnasium", reason="make study-setup")
 pytest.importorskip("rosbags")
 from rosbags.highlevel import AnyReader
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.long]
 Launch = Callable[..., Any]
 
 

@@ -144,6 +144,7 @@ class Clients:
             process.communicate()
 
 
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_each_role_does_what_it_may_and_a_stranger_sees_and_does_nothing(
     launch: Callable[..., Any], tmp_path: Path

@@ -71,6 +71,7 @@ OPTIONAL_FOLDERS = {
 LIBRARIES = {
     "Eigen3": "eigen",
     "Python": "python3-dev",
+    "Python3": "python3",
     "GTest": "gtest",
     "pybind11": "pybind11-dev",
 }
@@ -300,7 +301,7 @@ def test_a_package_can_go_into_an_index(package: str) -> None:
     """What bloom and the index ask for: a licence with its text, a maintainer, a description, one version for all."""
     folder = WORKSPACE / package
     root = ET.parse(folder / "package.xml").getroot()
-    vendored = {"softgrip_mcap_vendor": ["MIT", "BSD-3-Clause"]}  # of what it builds
+    vendored = {"softgrip_mcap_vendor": ["MIT", "BSD-3-Clause"]}  # of what it installs
     assert [one.text for one in root.iter("license")] == ["Apache-2.0", *vendored.get(package, [])]
     assert (folder / "LICENSE").read_text() == (ROOT / "LICENSE").read_text()
     assert "@" in root.find("maintainer").get("email")

@@ -50,7 +50,6 @@ from markdown_it import MarkdownIt
 sys.path.append(str(Path(__file__).parent))
 
 import links
-import named
 import shell_lines
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -348,6 +347,8 @@ def check_names(block: Block) -> None:
     Raises:
         BlockError: one does not.
     """
+    import named  # noqa: PLC0415  it asks embedded/'s parsers, and pages are also typed where only ROS 2 is
+
     if block.mark == "shown" or block.mark in ALONE:
         return
     if block.language == "python":
@@ -361,6 +362,8 @@ def check_names(block: Block) -> None:
 
 def text_problems(page: Path) -> Iterator[str]:
     """Yield what is wrong with code in the running text of a page: commands, modules and files that are not there."""
+    import named  # noqa: PLC0415  as above
+
     for token in _PARSER.parse(page.read_text(encoding="utf-8")):
         for child in token.children or []:
             problem = named.text_problem(child.content) if child.type == "code_inline" else ""

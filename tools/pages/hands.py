@@ -46,7 +46,7 @@ class Person:
         executor = make_executor(node)
         executor.add_node(node)
         self._link = CellLink(node, executor)
-        self._hands = Hands()
+        self._hands = Hands(node.get_namespace())
         self._cell = CellController(node, wait=self._link.wait)
         self._operator = CellOperator(self._link, self._hands, self._cell, SLOTS)
         self._states: list[CellState] = []
@@ -120,9 +120,10 @@ def main() -> int:
         "act", choices=["measure", "swap", "leave", "rig", "mount", "place", "home", "release", "wait", "reset"]
     )
     parser.add_argument("words", nargs="*")
+    parser.add_argument("--cell", default="", metavar="NAME", help="of the cell, where it has one")
     arguments = parser.parse_args()
     rclpy.init()
-    person = Person(Node("person"))
+    person = Person(Node("person", namespace=arguments.cell))
     try:
         getattr(person, arguments.act)(*arguments.words)
     finally:

@@ -12,36 +12,31 @@ import errno
 import os
 import shutil
 import struct
-import sys
 import tempfile
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import pytest
 
-import softgrip_bag
-import softgrip_model
+from softgrip_bag import mcap_file, mcap_stream, metadata, writer
 from softgrip_bag.errors import BagError
 from softgrip_bag.offers import OfferedQos
 from softgrip_bag.pipeline import Pipeline
 from softgrip_bag.reader import read
 from softgrip_bag.repair import is_broken, repair
 from softgrip_bag.writer import Attachment, BagWriter, FileLimits, Topic
+from softgrip_model import durable
+from softgrip_testing.failing_calls import looking_at_calls
 
 HI = bytes.fromhex("00010000 03000000 686900")
 TOPICS = [Topic(name, "std_msgs/msg/String", "", "string data\n", (OfferedQos(),)) for name in ("/a", "/b", "/late")]
 OFFERED = Counter({"/a": 9, "/b": 6, "/late": 2, "/unknown": 1})
 #: What is called by these is made to fail.
-WRITER = {
-    *(str(Path(softgrip_bag.__path__[0]) / name) for name in ("writer.py", "mcap_file.py", "mcap_stream.py")),
-    str(Path(softgrip_bag.__path__[0]) / "metadata.py"),
-    str(Path(softgrip_model.__path__[0]) / "durable.py"),
-}
+WRITER = [writer, mcap_file, mcap_stream, metadata, durable]
 FAILURES: tuple[Callable[[], Exception], ...] = (
     lambda: OSError(errno.EIO, os.strerror(errno.EIO)),
     MemoryError,
@@ -133,13 +128,14 @@ def test_without_a_failure_nothing_is_missing(tmp_path: Path) -> None:
 
 
 class Counted:
-    """Counts the calls of the writer on one thread, of functions in Python and in C, and fails one of them."""
+    """Counts the calls of the writer on one thread, and fails one of them."""
 
     def __init__(self, failing: int = -1) -> None:
         self.failed = ""
         #: where each call stood, in their order: file, line, what was called
         self.places: list[tuple[str, int, str]] = []
         self._failing = failing
+        self._thread = 0
 
     @property
     def count(self) -> int:
@@ -153,33 +149,31 @@ class Counted:
         return sorted({*first.values(), *last.values()})
 
     def begin(self) -> None:
-        sys.setprofile(self._see)
+        """Count the calls of this thread."""
+        self._thread = threading.get_ident()
 
-    def _see(self, frame: FrameType, event: str, argument: Any) -> None:
-        caller = frame if event == "c_call" else frame.f_back
-        if event not in {"call", "c_call"} or caller is None or caller.f_code.co_filename not in WRITER:
+    def see(self, file: str, line: int, name: str) -> None:
+        if threading.get_ident() != self._thread:
             return
-        name = argument.__name__ if event == "c_call" else frame.f_code.co_name
-        self.places.append((caller.f_code.co_filename, caller.f_lineno, name))
+        self.places.append((file, line, name))
         if self.count == self._failing:
-            if name == "close" and event == "c_call":
-                self.failed = "nothing: close(2) closes whatever it answers, which `FailingDisk` does"
-                return
-            self.failed = f"{name}, called by {caller.f_code.co_name}"
-            failure = FAILURES[self._failing % len(FAILURES)]()
-            raise failure
+            self.failed = f"{name}, called in {Path(file).name}:{line}"
+            failure = FAILURES[self._failing % len(FAILURES)]
+            raise failure()
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_an_exception_at_every_call_of_the_writer_loses_no_count(folder: Path) -> None:
     whole = Counted()
-    record(folder / "whole", whole.begin)
+    with looking_at_calls(WRITER, whole.see):
+        record(folder / "whole", whole.begin)
     assert whole.count > 500
     every = range(1, whole.count + 1)
     for failing in every if os.environ.get("SOFTGRIP_EVERY_CALL") else whole.first_and_last_of_each_place():
         counted = Counted(failing)
-        pipeline, waited = record(folder / f"bag{failing}", counted.begin)
+        with looking_at_calls(WRITER, counted.see):
+            pipeline, waited = record(folder / f"bag{failing}", counted.begin)
         assert counted.failed
         try:
             check_that_nothing_is_missing(pipeline, waited)

@@ -48,6 +48,8 @@ def test_it_homes_where_the_tendon_becomes_taut_and_closes_a_finger(bench):
     outcome, reason = bench.run(bench.move([0.015], limits_of(bench).speed))
     assert outcome is MoveOutcome.REACHED, reason
     assert bench.plant.wound_m() - bench.plant.bank.slack_m == pytest.approx(0.015, abs=ZERO_M[bench.model] + 2e-4)
+    bench.pass_time(1.0)
+    assert [drive.pulled_length_m for drive in bench.loop.snapshot.drives] == pytest.approx([0.015] * 3, abs=2e-4)
 
 
 @pytest.mark.parametrize("asked", [12.0, 20.0])

@@ -6,9 +6,11 @@ from __future__ import annotations
 import json
 from concurrent.futures import ThreadPoolExecutor
 
-import gymnasium
 import numpy as np
 import pytest
+
+pytest.importorskip("gymnasium", reason="make study-setup")
+import gymnasium
 from gymnasium.utils.env_checker import check_env
 
 from softgrip_gym import FingerReach, GraspPolicy, GraspProduct

@@ -9,6 +9,8 @@ import rclpy
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+pytest.importorskip("gymnasium", reason="make study-setup")
+
 from softgrip_cell.catalogue_file import read_catalogue
 from softgrip_gym.grasp_policy import GraspPolicy
 from softgrip_gym.nodes import policy_runner

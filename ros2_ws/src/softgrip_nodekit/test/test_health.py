@@ -238,5 +238,5 @@ def test_a_ping_that_failed_is_no_answer(monitor: Callable[..., HealthMonitor]) 
 
 def test_a_ping_is_answered_with_success(driver: Node) -> None:
     serve_ping(driver)
-    (ping,) = [service for service in driver.services if service.srv_name.endswith("/driver/ping")]
+    (ping,) = [service for service in driver.services if service.srv_name.endswith("/ping")]
     assert ping.callback(Trigger.Request(), Trigger.Response()).success

@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 import traceback
+from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass
+from typing import Any
 
+from softgrip_sweep.pools import WORKER_DEATHS_ALLOWED, lost_its_result
 from softgrip_sweep.store import ResultsStore
 from softgrip_sweep.task import SweepTask, run_task
 
@@ -47,19 +50,29 @@ def run_sweep(
     pending = [task for task in tasks if not store.has(task)]
     for _ in range(len(tasks) - len(pending)):
         advance()
-    futures = {pool.submit(run_task, task.function, dict(task.arguments)): task for task in pending}
+    futures = {_submit(pool, task): task for task in pending}
     failed: dict[str, str] = {}
-    for future in as_completed(futures):
-        task = futures[future]
-        error = future.exception()
-        if error is None:
-            store.save(task, future.result())
-        else:
-            failed[task.key] = "".join(traceback.format_exception_only(error)).strip()
-            store.save_failure(task, "".join(traceback.format_exception(error)))
-        advance()
+    lost: Counter[str] = Counter()
+    while futures:
+        for future in wait(futures, return_when=FIRST_COMPLETED).done:
+            task = futures.pop(future)
+            error = future.exception()
+            if error is None:
+                store.save(task, future.result())
+            elif lost_its_result(error) and lost[task.key] < WORKER_DEATHS_ALLOWED:
+                lost[task.key] += 1
+                futures[_submit(pool, task)] = task
+                continue
+            else:
+                failed[task.key] = "".join(traceback.format_exception_only(error)).strip()
+                store.save_failure(task, "".join(traceback.format_exception(error)))
+            advance()
     return SweepSummary(
         done=len(pending) - len(failed),
         resumed=len(tasks) - len(pending),
         failed=tuple((task, failed[task.key]) for task in pending if task.key in failed),
     )
+
+
+def _submit(pool: Executor, task: SweepTask) -> Future[Any]:
+    return pool.submit(run_task, task.function, dict(task.arguments))

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import traceback
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
+from pathlib import Path
 
 from softgrip_sweep.errors import SweepError
 
@@ -65,6 +67,15 @@ def dask_pool(workers: int | None = None, scheduler: str = "") -> Iterator[Execu
             client.get_executor(pure=False) as pool,
         ):
             yield pool
+
+
+def lost_its_result(error: BaseException) -> bool:
+    """Whether a task was done and its worker died before the result had come: nobody's failure.
+
+    Dask's executor (distributed/cfexecutor.py) takes such a result for an exception's parts, and raises ValueError.
+    """
+    frames = traceback.extract_tb(error.__traceback__)
+    return isinstance(error, ValueError) and bool(frames) and Path(frames[-1].filename).name == "cfexecutor.py"
 
 
 @contextmanager

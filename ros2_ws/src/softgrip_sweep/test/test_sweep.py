@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import sys
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from softgrip_model.friction.published import published
 from softgrip_sweep import ResultsStore, SweepError, SweepTask, dask_pool, run_sweep
 from softgrip_sweep.commands import sweep
 from softgrip_sweep.intervals import wilson
+from softgrip_sweep.pools import WORKER_DEATHS_ALLOWED
 from softgrip_sweep.studies import bags, designs, grasps
 from softgrip_testing.dask_computers import dask_computers
 from softgrip_testing.virtual_grasps import ProductSet
@@ -139,6 +142,42 @@ def test_a_killed_worker_changes_nothing(tmp_path):
     assert [store.load(task)["square"] for task in tasks] == [number**2 for number in range(8)]
     assert (tmp_path / "died-6").exists()
     assert (tmp_path / "died-7").exists()
+
+
+class LostResults(Inline):
+    """Gives the first results as Dask's executor gives that of a worker which died before it had come."""
+
+    def __init__(self, lost):
+        super().__init__()
+        self._lost = lost
+
+    def submit(self, work, /, *args, **kwargs):
+        done = super().submit(work, *args, **kwargs)
+        return done if self.count > self._lost else asyncio.run(lost(done.result()))
+
+
+async def lost(result):
+    from distributed.cfexecutor import _cascade_future  # noqa: PLC0415  an extra
+
+    async def once_there(*, raiseit):
+        return result
+
+    future = Future()
+    await _cascade_future(SimpleNamespace(_result=once_there, status="lost"), future)
+    return future
+
+
+def test_a_result_that_its_worker_takes_with_it_is_made_again(tmp_path):
+    store, pool = ResultsStore(tmp_path), LostResults(1)
+    summary = run_sweep(squares(3), store, pool)
+    assert (summary.done, summary.failed, pool.count) == (3, (), 4)
+    assert [store.load(task)["square"] for task in squares(3)] == [0, 1, 4]
+
+
+def test_a_task_whose_workers_all_take_its_result_with_them_is_listed(tmp_path):
+    summary = run_sweep(squares(1), ResultsStore(tmp_path), pool := LostResults(100))
+    assert [task for task, _ in summary.failed] == squares(1)
+    assert pool.count == 1 + WORKER_DEATHS_ALLOWED
 
 
 def test_a_computer_of_a_cluster_is_switched_off_in_the_middle(tmp_path):

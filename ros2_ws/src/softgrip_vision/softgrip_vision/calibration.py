@@ -44,7 +44,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from softgrip_model.digest import text_digest
 from softgrip_model.durable import write_durably
@@ -208,7 +208,7 @@ def load(path: Path | str) -> CameraCalibration:
 
 
 def lens_from_camera_info(
-    size: tuple[int, int], distortion_model: str, matrix: Sequence[float], distortion: Sequence[float], name: str
+    size: tuple[int, int], distortion_model: str, matrix: ArrayLike, distortion: Sequence[float], name: str
 ) -> Lens:
     """Return the lens that a sensor_msgs/CameraInfo describes.
 

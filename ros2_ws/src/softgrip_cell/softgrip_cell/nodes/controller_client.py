@@ -87,8 +87,10 @@ class CellController:
     def __init__(self, node: Node, wait: Wait | None = None) -> None:
         self._node = node
         self._wait = wait or self._spin
-        self._select = node.create_client(SelectProduct, "cell/select_product")
-        self._plan = node.create_client(PlanMix, "cell/plan_mix")
+        self._select: Client[SelectProduct.Request, SelectProduct.Response] = node.create_client(
+            SelectProduct, "cell/select_product"
+        )
+        self._plan: Client[PlanMix.Request, PlanMix.Response] = node.create_client(PlanMix, "cell/plan_mix")
         self._confirm = node.create_client(ConfirmStep, "cell/confirm_step")
         self._release = node.create_client(Trigger, "tendon/release")
         self._swap: ActionClient[SwapFingers.Goal, SwapFingers.Result, SwapFingers.Feedback] = ActionClient(

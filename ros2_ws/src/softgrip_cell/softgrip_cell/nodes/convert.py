@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
@@ -375,7 +376,7 @@ def swap_result(
     )
 
 
-def cell_state(stamp: Time, mode: int, slots: Sequence[MountedSlot], numbers: Mapping[str, object]) -> CellState:
+def cell_state(stamp: Time, mode: int, slots: Sequence[MountedSlot], numbers: Mapping[str, Any]) -> CellState:
     """Return the cell's state as a message; ``numbers`` holds its remaining fields by name."""
     message = CellState(mode=mode, mounted=mounted_fingers(slots), **numbers)
     message.header.stamp = stamp

@@ -43,24 +43,21 @@ class ShiftWatch:
         self._film = False
         self._earlier: deque[bytes] = deque(maxlen=EARLIER_TENSIONS)
         self._tensions: list[tuple[float, float]] = []
-        for kind, topic, gather in (
-            (FingerStates, "finger/measured", self._on_measured),
-            (FingerStates, "finger/predicted", self._on_predicted),
-            (PredictedShape, "shape/predicted", self._on_shape),
-            (CompressedImage, "camera/image_raw/compressed", self._on_frame),
-        ):
-            node.create_subscription(kind, topic, self._reader(kind, topic, gather), SENSOR, raw=True)
+        self._subscribe(node, FingerStates, "finger/measured", self._on_measured)
+        self._subscribe(node, FingerStates, "finger/predicted", self._on_predicted)
+        self._subscribe(node, PredictedShape, "shape/predicted", self._on_shape)
+        self._subscribe(node, CompressedImage, "camera/image_raw/compressed", self._on_frame)
         node.create_subscription(JointState, "tendon/state", self._on_tendon, SENSOR, raw=True)
 
-    def _reader(
-        self, kind: type[Message], topic: str, gather: Callable[[Gathered, Message], None]
-    ) -> Callable[[bytes], None]:
+    def _subscribe(
+        self, node: Node, kind: type[Message], topic: str, gather: Callable[[Gathered, Message], None]
+    ) -> None:
         def received(data: bytes) -> None:
             self.seen.add(topic)
             if self._gathered is not None and (kind is not CompressedImage or self._film):
                 gather(self._gathered, deserialize_message(data, kind))
 
-        return received
+        node.create_subscription(kind, topic, received, SENSOR, raw=True)
 
     def start_gathering(self, *, film: bool = False) -> None:
         """Start gathering; with ``film`` camera frames too."""

@@ -33,8 +33,9 @@ MIN_SHEET_MM = 190.0
 GAP_MM, LINE_MM = 16.0, 4.5
 #: Of the eye; farther than any part is long.
 FAR_MM = 1e4
-#: An edge is drawn by so many points where it is not straight.
-CURVE_POINTS = 65
+#: A curved edge is drawn by points that are so far apart, and by so many at least and at most.
+CURVE_STEP_MM = 0.5
+CURVE_POINTS = (9, 65)
 #: Places that a line of the table names.
 PLACES_A_LINE = 4
 
@@ -151,7 +152,8 @@ def edges_of(solid: Solid, view: View) -> tuple[list[Array], list[Array]]:
 
 
 def _points(edge: Any) -> Array:
-    count = 2 if edge.geom_type.name == "LINE" else CURVE_POINTS
+    curved = int(np.clip(np.ceil(edge.length / CURVE_STEP_MM) + 1, *CURVE_POINTS))
+    count = 2 if edge.geom_type.name == "LINE" else curved
     return np.array([tuple(edge @ t)[:2] for t in np.linspace(0.0, 1.0, count)])
 
 

@@ -41,6 +41,8 @@ NO_WATCHDOG = (
 ATTEMPTS = 4
 #: [degC] that a session mark takes off the over-temperature limit, which a restart puts back
 DEGC_PER_MARK = 0.02
+#: [rad/s] asked of a motor at least: its speed loop pulls by what the speed lacks, and would hardly hold with less
+SLOWEST_RAD_S = 1.2
 #: [s] for a motor to answer again
 RESTORE_TIMEOUT_S = 4.0
 
@@ -97,7 +99,7 @@ class _Live(BusDevice):
     goal_speed: GoalSpeed = field(init=False)
 
     def __post_init__(self) -> None:
-        self.goal_speed = GoalSpeed(self.motor.own_speed)
+        self.goal_speed = GoalSpeed(self.motor.own_speed, SLOWEST_RAD_S)
 
     @property
     def tendon(self) -> str:

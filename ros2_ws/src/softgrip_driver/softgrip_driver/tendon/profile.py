@@ -51,16 +51,15 @@ class GoalSpeed:
     A stiff drive that starts and stops with each goal shows its inertia as tension.
 
     Args:
-        fastest: [rad/s] the drive's own limit, for goals that do not move and the first one.
+        fastest: [rad/s] the drive's own limit, for the first goal.
+        slowest: [rad/s] at least, or a creeping goal would never be reached, nor held against a load.
     """
 
     #: beside the speed of the goals: a drive that is a little late must catch up
     AHEAD = 1.2
-    #: [rad/s] at least, or a creeping goal would never be reached
-    SLOWEST = 0.05
 
-    def __init__(self, fastest: float) -> None:
-        self._fastest = fastest
+    def __init__(self, fastest: float, slowest: float = 0.05) -> None:
+        self._fastest, self._slowest = fastest, slowest
         self._last: tuple[float, float] | None = None
         self.speed = fastest
 
@@ -73,5 +72,5 @@ class GoalSpeed:
         last, self._last = self._last, (now, goal)
         if last is not None and goal != last[1] and now > last[0]:
             asked = self.AHEAD * abs(goal - last[1]) / (now - last[0])
-            self.speed = max(self.SLOWEST, min(self._fastest, asked))
+            self.speed = max(self._slowest, min(self._fastest, asked))
         return self.speed

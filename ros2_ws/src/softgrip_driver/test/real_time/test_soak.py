@@ -15,7 +15,7 @@ from softgrip_driver.tendon.gripper import MoveMode, MoveRequest
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState
 
-SECONDS = float(os.environ.get("SOFTGRIP_SOAK_SECONDS", "30"))
+SECONDS = float(os.environ.get("SOFTGRIP_SOAK_SECONDS", "15"))
 SEED = int(os.environ.get("SOFTGRIP_SOAK_SEED", "1"))
 CAUSES = (
     "bytes_lost", "bytes_flipped", "bytes_duplicated", "bytes_delayed", "crc_error", "bus_dead", "bus_unplugged",

@@ -77,7 +77,7 @@ class Memory:
     """Values of one servo; `get` and `put` are the firmware's own access, `read` and `write` the host's."""
 
     def __init__(self, model: EmulatedFeetechModel) -> None:
-        self._items = {item.name: item for item in model.items}
+        self._places = {item.name: slice(item.address, item.end) for item in model.items}
         self._by_address = sorted(model.items, key=lambda item: item.address)
         self._bytes = bytearray(max(item.end for item in model.items))
         for item in model.items:
@@ -86,13 +86,13 @@ class Memory:
 
     def get(self, name: str) -> int:
         """Raw value of an item."""
-        item = self._items[name]
-        return int.from_bytes(self._bytes[item.address : item.end], "little")
+        return int.from_bytes(self._bytes[self._places[name]], "little")
 
     def put(self, name: str, value: int) -> None:
         """Set an item, wrapped into its size."""
-        item = self._items[name]
-        self._bytes[item.address : item.end] = (value & ((1 << 8 * item.size) - 1)).to_bytes(item.size, "little")
+        place = self._places[name]
+        size = place.stop - place.start
+        self._bytes[place] = (value & ((1 << 8 * size) - 1)).to_bytes(size, "little")
 
     def put_kept(self, name: str, value: int) -> None:
         """Set an item of the EPROM as if it had been written unlocked."""

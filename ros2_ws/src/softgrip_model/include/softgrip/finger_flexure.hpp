@@ -218,15 +218,15 @@ struct ObjectLoad {
 // A free finger's.
 struct NoObject {
   template <typename Real>
-  const Real& with_x(const Real& cable) const {
+  Real with_x(const Real& cable) const {
     return cable;
   }
   template <typename Real>
-  const Real& with_y(const Real& cable) const {
+  Real with_y(const Real& cable) const {
     return cable;
   }
   template <typename Real>
-  const Real& with_moment(const Real& cable, const Real&, const Real&) const {
+  Real with_moment(const Real& cable, const Real&, const Real&) const {
     return cable;
   }
 };

@@ -179,7 +179,7 @@ struct TensionOf {
   TensionOf before(const EvaluationOf<Real>& bend) const { return {log + bend.log_ratio, power * bend.power_ratio}; }
 
  private:
-  TensionOf(const Real& log_tension, const Real& power_) : log(log_tension), power(power_) {}
+  TensionOf(const Real& log_tension, const Real& slackness) : log(log_tension), power(slackness) {}
 };
 using Tension = TensionOf<double>;
 

@@ -22,7 +22,7 @@ template <int n>
 using Lanes = typename detail::LanesOf<n>::type;
 
 template <typename Real>
-inline constexpr int kLanes = sizeof(Real) / sizeof(double);
+inline constexpr int kLanes = sizeof(Real) / sizeof(double);  // NOLINT(bugprone-sizeof-expression): a double has one
 
 template <typename Real>
 using MaskOf = decltype(Real{} < Real{});  // bool for a double

@@ -82,14 +82,19 @@ def main(args: Sequence[str] | None = None) -> int:
         laws = list(Law) if options.model == "all" else [Law(options.model)]
         pair = SurfacePair(options.cable, options.surface, 1e-3 * options.cable_radius, 1e-3 * options.surface_radius)
         reading, loss = KReading(options.k_reading), Loss(options.loss)
-        found = {law: calibrate(chosen, pair, law, k_reading=reading, loss=loss) for law in laws}
-        compared = {}
-        if options.points is not None:
-            compared = {
-                law: compare(points, law, radius_mm=pair.radius_mm, count=options.points, k_reading=reading)
-                for law in laws
-            }
-        written = _write(found, options.out) if options.out else []
+        found, compared = {}, {}
+        for law in laws:
+            with errors.status(f"fitting {law} to {len(chosen)} points"):
+                found[law] = calibrate(chosen, pair, law, k_reading=reading, loss=loss)
+            if options.points is not None:
+                with errors.status(f"fitting {law} to all {len(points)} points"):
+                    compared[law] = compare(
+                        points, law, radius_mm=pair.radius_mm, count=options.points, k_reading=reading
+                    )
+        written = []
+        if options.out:
+            with errors.status(f"drawing into {options.out}"):
+                written = _write(found, options.out)
     except (FrictionError, OSError) as error:
         errors.print(f"[red]fit_friction:[/red] {escape(str(error))}")
         return 2

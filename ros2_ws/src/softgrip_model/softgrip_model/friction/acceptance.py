@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final, Protocol
 
@@ -47,8 +47,8 @@ class PublishedFriction(Protocol):
     covariance: Sequence[float]
     cable_radius: float
     surface_radius: float
-    angle_range: Sequence[float]
-    tension_range: Sequence[float]
+    angle_range: NDArray[np.float64]
+    tension_range: NDArray[np.float64]
     digest: str
 
 
@@ -143,7 +143,7 @@ def _law(model: PublishedFriction) -> tuple[FrictionLaw, list[int]]:
     return FrictionLaw(kind, coefficients, radius_mm, reading, *ranges), order
 
 
-def _range(name: str, ends: Sequence[float], unit: str) -> tuple[float, float]:
+def _range(name: str, ends: Iterable[float], unit: str) -> tuple[float, float]:
     low, high = (float(end) for end in ends)
     if not 0.0 <= low < high < math.inf:
         raise LawError(f"{name}: expected 0 <= low < high, both finite, found {low:g} and {high:g} {unit}")

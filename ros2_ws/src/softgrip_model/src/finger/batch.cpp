@@ -121,8 +121,8 @@ SOFTGRIP_FOR_EACH_PROCESSOR void solve_design(const Design& design, const fricti
   Design d = design;
   if (refusal != kOk) d.link_mm.fill(kNan);
   const Finger finger(d, friction);
-  const std::size_t gradient_size =
-      static_cast<std::size_t>(sensitivity_rows(out.joints) * sensitivity_columns(out.joints, friction.law));
+  const std::size_t gradient_size = static_cast<std::size_t>(sensitivity_rows(out.joints)) *
+                                    static_cast<std::size_t>(sensitivity_columns(out.joints, friction.law));
   March marcher(finger, control);
   PerJoint<Turning> heading;
   const bool together = march && refusal == kOk && out.gradient == nullptr && !finger.is_flexure();

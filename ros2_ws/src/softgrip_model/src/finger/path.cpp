@@ -59,7 +59,10 @@ PathStep Path::to(Control control, double target) {
       iterations += tried.iterations;
       step = tried;
       reached = next;
-    } else if ((stride *= 0.5) * pieces < 1.0 / 64) {
+      continue;
+    }
+    stride *= 0.5;
+    if (stride * pieces < 1.0 / 64) {
       if (!snap(control, aim, step)) return failed.status = tried.status, failed;
       iterations += step.iterations;
       remark = kSnapped;

@@ -139,6 +139,7 @@ void keep_better(Fit& best, const Fit& candidate) {
 
 std::vector<double> distinct_log_tensions(const Data& data) {
   std::vector<double> logs;
+  logs.reserve(static_cast<std::size_t>(data.size()));
   for (Eigen::Index i = 0; i < data.size(); ++i) logs.push_back(std::log(std::max(data.tension_N[i], kTensionFloor_N)));
   std::sort(logs.begin(), logs.end());
   const auto same = [](double a, double b) { return b - a < 0.01; };

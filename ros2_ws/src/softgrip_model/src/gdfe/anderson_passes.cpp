@@ -65,7 +65,7 @@ HWY_INLINE double squared_norm(const double* values, std::size_t count) {
   return square;
 }
 
-void Store(const StorePass& pass, std::size_t first, std::size_t last) {
+void store(const StorePass& pass, std::size_t first, std::size_t last) {
   HWY_ALIGN double change[kChunk];
   for (std::size_t from = first; from < last; from += kChunk) {
     const std::size_t count = std::min(kChunk, last - from);
@@ -109,7 +109,7 @@ HWY_INLINE void chunk_combine(const float* const* column, const double* weight, 
   }
 }
 
-void Combine(const CombinePass& pass, std::size_t first, std::size_t last) {
+void combine(const CombinePass& pass, std::size_t first, std::size_t last) {
   for (std::size_t from = first; from < last; from += kChunk) {
     const std::size_t count = std::min(kChunk, last - from);
     std::copy(pass.residual + from, pass.residual + from + count, pass.step + from);
@@ -127,15 +127,15 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace softgrip::gdfe {
 
-HWY_EXPORT(Store);
-HWY_EXPORT(Combine);
+HWY_EXPORT(store);
+HWY_EXPORT(combine);
 
 void store_pass(const StorePass& pass, std::size_t first, std::size_t last) {
-  HWY_DYNAMIC_DISPATCH(Store)(pass, first, last);
+  HWY_DYNAMIC_DISPATCH(store)(pass, first, last);
 }
 
 void combine_pass(const CombinePass& pass, std::size_t first, std::size_t last) {
-  HWY_DYNAMIC_DISPATCH(Combine)(pass, first, last);
+  HWY_DYNAMIC_DISPATCH(combine)(pass, first, last);
 }
 
 }  // namespace softgrip::gdfe

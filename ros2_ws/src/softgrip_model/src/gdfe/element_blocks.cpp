@@ -87,8 +87,9 @@ ElementBlocks::ElementBlocks(const std::vector<Element>& all, const Hexes& hexes
     std::size_t row = 0;
     for (int k = 0; k < 4; ++k) {
       for (int j = 0; j < 3; ++j) {
-        put(bent, other, 12, static_cast<std::size_t>(3 * k + j), gradients[e](3 + k, j));
-        put(hourglass_rest, other, 12, static_cast<std::size_t>(3 * k + j), from.hourglass_rest(k, j));
+        const std::size_t place = 3 * static_cast<std::size_t>(k) + static_cast<std::size_t>(j);
+        put(bent, other, 12, place, gradients[e](3 + k, j));
+        put(hourglass_rest, other, 12, place, from.hourglass_rest(k, j));
       }
       for (int l = k; l < 4; ++l) put(hourglass_stiffness, other, 10, row++, weight * s(k, l));
     }

@@ -275,8 +275,8 @@ void steps_of(ElementBlocks& e, const SecantTables& tables, const double* positi
   step_of<law, shape, false>(e, tables, position, force, others.first, others.second);
 }
 
-void LocalStep(ElementBlocks& e, const SecantTables& tables, Law law, VolumeShape shape, const double* position,
-               double* force, std::size_t share, std::size_t shares) {
+void local_steps(ElementBlocks& e, const SecantTables& tables, Law law, VolumeShape shape, const double* position,
+                 double* force, std::size_t share, std::size_t shares) {
   if (law == Law::Calibrated) {
     if (shape == VolumeShape::Proj) {
       steps_of<Law::Calibrated, VolumeShape::Proj>(e, tables, position, force, share, shares);
@@ -297,11 +297,11 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace softgrip::gdfe {
 
-HWY_EXPORT(LocalStep);
+HWY_EXPORT(local_steps);
 
 void local_step(ElementBlocks& elements, const SecantTables& tables, Law law, VolumeShape shape, const double* position,
                 double* force, std::size_t share, std::size_t shares) {
-  HWY_DYNAMIC_DISPATCH(LocalStep)(elements, tables, law, shape, position, force, share, shares);
+  HWY_DYNAMIC_DISPATCH(local_steps)(elements, tables, law, shape, position, force, share, shares);
 }
 
 }  // namespace softgrip::gdfe

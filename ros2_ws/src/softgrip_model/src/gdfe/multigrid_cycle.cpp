@@ -244,7 +244,9 @@ void separate(const T* values, int count, int first, int last, double* const* co
 
 template <class T>
 void run(const MultigridStore<T>& store, double* const* columns, int count, int threads, T* work) {
-  work += (kWorkAlignment - reinterpret_cast<std::uintptr_t>(work) % kWorkAlignment) % kWorkAlignment / sizeof(T);
+  const std::size_t beyond = reinterpret_cast<std::uintptr_t>(work) % kWorkAlignment;
+  const std::size_t skipped = (kWorkAlignment - beyond) % kWorkAlignment / sizeof(T);
+  work += skipped;
   const int size = store.levels.empty() ? store.coarsest_size : store.levels.front().rows;
   if (size < kSharedFrom) threads = 1;
 #pragma omp parallel num_threads(threads) if (threads > 1)
@@ -261,11 +263,11 @@ void run(const MultigridStore<T>& store, double* const* columns, int count, int 
   }
 }
 
-void CycleFloat(const MultigridStore<float>& store, double* const* columns, int count, int threads, float* work) {
+void cycle_float(const MultigridStore<float>& store, double* const* columns, int count, int threads, float* work) {
   run(store, columns, count, threads, work);
 }
 
-void CycleDouble(const MultigridStore<double>& store, double* const* columns, int count, int threads, double* work) {
+void cycle_double(const MultigridStore<double>& store, double* const* columns, int count, int threads, double* work) {
   run(store, columns, count, threads, work);
 }
 
@@ -276,17 +278,17 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace softgrip::gdfe {
 
-HWY_EXPORT(CycleFloat);
-HWY_EXPORT(CycleDouble);
+HWY_EXPORT(cycle_float);
+HWY_EXPORT(cycle_double);
 
 void multigrid_cycle_float(const MultigridStore<float>& store, double* const* columns, int count, int threads,
                            float* work) {
-  HWY_DYNAMIC_DISPATCH(CycleFloat)(store, columns, count, threads, work);
+  HWY_DYNAMIC_DISPATCH(cycle_float)(store, columns, count, threads, work);
 }
 
 void multigrid_cycle_double(const MultigridStore<double>& store, double* const* columns, int count, int threads,
                             double* work) {
-  HWY_DYNAMIC_DISPATCH(CycleDouble)(store, columns, count, threads, work);
+  HWY_DYNAMIC_DISPATCH(cycle_double)(store, columns, count, threads, work);
 }
 
 }  // namespace softgrip::gdfe

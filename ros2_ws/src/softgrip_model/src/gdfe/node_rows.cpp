@@ -18,7 +18,7 @@ namespace hn = hwy::HWY_NAMESPACE;
 
 using Wide = hn::ScalableTag<double>;
 
-void Expand(const std::int32_t* nodes, const std::array<const double*, 3>& columns, std::size_t first, std::size_t last,
+void expand(const std::int32_t* nodes, const std::array<const double*, 3>& columns, std::size_t first, std::size_t last,
             const double* base, double* position) {
   const Wide d;
   const RowPart part;
@@ -40,7 +40,7 @@ void Expand(const std::int32_t* nodes, const std::array<const double*, 3>& colum
   }
 }
 
-double Gather(const std::int32_t* nodes, const std::array<double*, 3>& columns, std::size_t first, std::size_t last,
+double gather(const std::int32_t* nodes, const std::array<double*, 3>& columns, std::size_t first, std::size_t last,
               const double* load, const std::vector<ForceShare>& shares) {
   const Wide d;
   const RowPart part;
@@ -85,17 +85,17 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace softgrip::gdfe {
 
-HWY_EXPORT(Expand);
-HWY_EXPORT(Gather);
+HWY_EXPORT(expand);
+HWY_EXPORT(gather);
 
 void expand_rows(const std::int32_t* nodes, const std::array<const double*, 3>& columns, std::size_t first,
                  std::size_t last, const double* base, double* position) {
-  HWY_DYNAMIC_DISPATCH(Expand)(nodes, columns, first, last, base, position);
+  HWY_DYNAMIC_DISPATCH(expand)(nodes, columns, first, last, base, position);
 }
 
 double gather_rows(const std::int32_t* nodes, const std::array<double*, 3>& columns, std::size_t first,
                    std::size_t last, const double* load, const std::vector<ForceShare>& shares) {
-  return HWY_DYNAMIC_DISPATCH(Gather)(nodes, columns, first, last, load, shares);
+  return HWY_DYNAMIC_DISPATCH(gather)(nodes, columns, first, last, load, shares);
 }
 
 }  // namespace softgrip::gdfe

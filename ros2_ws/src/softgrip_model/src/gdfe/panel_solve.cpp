@@ -222,13 +222,13 @@ void solve(const PanelStore<T>& store, double* const* columns, int count, std::s
   if (count == 1) substitute<1>(store, columns, size, max_rows, work);
 }
 
-void SolveFloat(const PanelStore<float>& store, double* const* columns, int count, std::size_t size,
-                std::size_t max_rows, float* work) {
+void solve_float(const PanelStore<float>& store, double* const* columns, int count, std::size_t size,
+                 std::size_t max_rows, float* work) {
   solve(store, columns, count, size, max_rows, work);
 }
 
-void SolveDouble(const PanelStore<double>& store, double* const* columns, int count, std::size_t size,
-                 std::size_t max_rows, double* work) {
+void solve_double(const PanelStore<double>& store, double* const* columns, int count, std::size_t size,
+                  std::size_t max_rows, double* work) {
   solve(store, columns, count, size, max_rows, work);
 }
 
@@ -239,17 +239,17 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace softgrip::gdfe {
 
-HWY_EXPORT(SolveFloat);
-HWY_EXPORT(SolveDouble);
+HWY_EXPORT(solve_float);
+HWY_EXPORT(solve_double);
 
 void panel_solve_float(const PanelStore<float>& store, double* const* columns, int count, std::size_t size,
                        std::size_t max_rows, float* work) {
-  HWY_DYNAMIC_DISPATCH(SolveFloat)(store, columns, count, size, max_rows, work);
+  HWY_DYNAMIC_DISPATCH(solve_float)(store, columns, count, size, max_rows, work);
 }
 
 void panel_solve_double(const PanelStore<double>& store, double* const* columns, int count, std::size_t size,
                         std::size_t max_rows, double* work) {
-  HWY_DYNAMIC_DISPATCH(SolveDouble)(store, columns, count, size, max_rows, work);
+  HWY_DYNAMIC_DISPATCH(solve_double)(store, columns, count, size, max_rows, work);
 }
 
 }  // namespace softgrip::gdfe

@@ -174,7 +174,7 @@ Eigen::VectorXd Sections::restricted(const std::vector<double>& residual) const 
 }
 
 void Sections::add_force(std::size_t unknown, const Eigen::Vector3d& force, Eigen::Ref<Eigen::VectorXd> sum) const {
-  const auto first = static_cast<Eigen::Index>(6 * section_[unknown]);
+  const auto first = Eigen::Index{6} * section_[unknown];
   sum.segment<3>(first) += force;
   sum.segment<3>(first + 3) += arm_[unknown].cross(force);
 }

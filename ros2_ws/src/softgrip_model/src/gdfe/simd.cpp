@@ -13,7 +13,7 @@ HWY_BEFORE_NAMESPACE();
 namespace softgrip::gdfe {
 namespace HWY_NAMESPACE {
 
-const char* TargetName() {
+const char* target_name() {
   return hwy::TargetName(HWY_TARGET);
 }
 
@@ -24,10 +24,10 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace softgrip::gdfe {
 
-HWY_EXPORT(TargetName);
+HWY_EXPORT(target_name);
 
 std::string simd_target() {
-  return HWY_DYNAMIC_DISPATCH(TargetName)();
+  return HWY_DYNAMIC_DISPATCH(target_name)();
 }
 
 std::vector<std::string> simd_targets() {

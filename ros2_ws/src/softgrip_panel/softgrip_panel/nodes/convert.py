@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, ParameterValue
 from sensor_msgs.msg import JointState
 
 from softgrip_interfaces import msg as messages
@@ -386,7 +386,7 @@ def parameter_view(descriptor: ParameterDescriptor, value: ParameterValue) -> Pa
     found: Any = None if kind is ParameterKind.NOT_SET else getattr(value, kind.field)
     if kind is ParameterKind.BYTES:
         found = [int.from_bytes(one) for one in found]
-    ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+    ranges: list[FloatingPointRange | IntegerRange] = [*descriptor.floating_point_range, *descriptor.integer_range]
     low, high = (ranges[0].from_value, ranges[0].to_value) if ranges else (-math.inf, math.inf)
     return ParameterView(
         descriptor.name,

@@ -85,7 +85,8 @@ class Peer:
 
     def trigger(self, name: str) -> Trigger.Response:
         """Return the answer of a std_srvs/Trigger."""
-        return self.call(Trigger, name)
+        answer: Trigger.Response = self.call(Trigger, name)
+        return answer
 
     def hear(self, kind: type[T], topic: str, qos: QoSProfile | int) -> list[T]:
         """Return a list that grows by every message of a topic."""

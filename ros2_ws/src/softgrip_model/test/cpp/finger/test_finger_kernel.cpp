@@ -131,7 +131,7 @@ TEST(Equilibrium, MomentsBalanceTheTensionInEveryGroove) {
     const Triangle straight(1.4, 0.0, 8.0, 9.0), bent(1.4, q, 8.0, 9.0);
     const double h = 1e-6,
                  arm = -(Triangle(1.4, q + h, 8.0, 9.0).span() - Triangle(1.4, q - h, 8.0, 9.0).span()) / (2 * h);
-    const double tension = std::exp(found.log_tension[static_cast<std::size_t>(2 * j + 1)]);
+    const double tension = std::exp(found.log_tension[2 * static_cast<std::size_t>(j) + 1]);
     const Strip strip(design.material, 20.0, design.thickness_mm[static_cast<std::size_t>(j)], 5.0);
     EXPECT_NEAR(strip.at(q).value_Nmm, tension * arm, 1e-6 * tension * arm);
     pulled += straight.span() - bent.span();

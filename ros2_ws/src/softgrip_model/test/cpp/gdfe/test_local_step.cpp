@@ -50,7 +50,7 @@ TEST(LocalStep, ThesisLawAimsAtTheMixOfRotationAndScaledVolume) {
 // F* of det 1 nearest to F in principal axes: t_i - s_i = l / t_i for one l, found by bisection.
 Eigen::Matrix3d nearest_of_unit_volume(const Eigen::Matrix3d& f) {
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(f, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  const Eigen::Vector3d s = svd.singularValues();
+  const Eigen::Vector3d& s = svd.singularValues();
   const auto stretches = [&](double l) {
     return Eigen::Vector3d(0.5 * (s.array() + (s.array().square() + 4.0 * l).sqrt()));
   };

@@ -2,6 +2,8 @@
 // Sections on a mesh of random springs: their tangent, its solves and what they leave, against dense matrices.
 #include <gtest/gtest.h>
 
+#include <numeric>
+
 #include "meshes.hpp"
 #include "softgrip/gdfe/sections.hpp"
 
@@ -14,8 +16,8 @@ class SectionsOfABar : public ::testing::Test {
   static constexpr Eigen::Index kHeld = 4, kFree = 20, kSections = 5;
 
   SectionsOfABar() : block_(testing::make_block({5, 1, 1}, Eigen::Vector3d::Ones())) {
-    std::vector<std::int32_t> node_of;
-    for (Eigen::Index u = 0; u < kFree; ++u) node_of.push_back(static_cast<std::int32_t>(u + kHeld));
+    std::vector<std::int32_t> node_of(kFree);
+    std::iota(node_of.begin(), node_of.end(), kHeld);
     sections_ = std::make_unique<Sections>(block_.hexes, static_cast<std::size_t>(block_.rest.rows()), node_of);
     // symmetric positive definite, of element matrices: only nodes of one element meet
     stiffness_ = Eigen::MatrixXd::Zero(3 * kFree, 3 * kFree);

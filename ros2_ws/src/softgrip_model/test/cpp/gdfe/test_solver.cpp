@@ -17,6 +17,7 @@ TEST(Preconditioner, AppliesTheInverseOfEveryAxisOwnMatrix) {
   Problem problem = held_block({3, 2, 2}, {1.0, 0.8, 1.2}, 2.0, 0.3);
   problem.maps[1] = testing::shared_maps(problem.rest, [](const auto& at) { return at(0) > 0.0 && at(1) > 0.0; })[0];
   std::vector<Element> elements;
+  elements.reserve(static_cast<std::size_t>(problem.hexes.rows()));
   for (Eigen::Index e = 0; e < problem.hexes.rows(); ++e) {
     elements.push_back(make_element(corners_of(problem.rest, problem.hexes, e)));
   }
@@ -40,9 +41,10 @@ TEST(Preconditioner, AppliesTheInverseOfEveryAxisOwnMatrix) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const AxisUnknowns& a = unknowns.axes[axis];
     for (std::size_t i = 0; i < a.dof.size(); ++i) {
-      if (a.dof[i] >= 0)
+      if (a.dof[i] >= 0) {
         EXPECT_NEAR(values[a.offset + static_cast<std::size_t>(a.dof[i])], expected[axis](problem.maps[axis][i]),
                     1e-12);
+      }
     }
   }
 }
