@@ -14,8 +14,6 @@ from rclpy.node import Node
 
 #: [s] between two lines about errors of one kind from one place.
 THROTTLE_S = 5.0
-#: [s] A signal that ends the process may become known a little later than the error that it caused.
-SIGNAL_WAIT_S = 0.2
 #: [s] for which an error makes the node's health a warning.
 RECENT_S = 60.0
 _MAX_KINDS = 64
@@ -27,15 +25,11 @@ class CallbackErrors:
 
     Args:
         say: logs a line.
-        is_leaving: whether the node is being stopped: what its callbacks raise then is nobody's fault.
         clock: monotonic [s].
     """
 
-    def __init__(
-        self, say: Callable[[str], object], is_leaving: Callable[[], bool], clock: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, say: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> None:
         self._say = say
-        self._is_leaving = is_leaving
         self._clock = clock
         self._lock = threading.Lock()
         self._said: OrderedDict[tuple[str, str], float] = OrderedDict()
@@ -54,10 +48,7 @@ class CallbackErrors:
                 return
             count = self.count
         text = "".join(traceback.format_exception(error))[-_MAX_CHARS:]
-        line = f"a callback failed, the node goes on ({count} such errors so far): {self.last}\n{text}"
-        later = threading.Timer(SIGNAL_WAIT_S, self._say_unless_leaving, (line,))
-        later.daemon = True
-        later.start()
+        self._say(f"a callback failed, the node goes on ({count} such errors so far): {self.last}\n{text}")
 
     def is_recent(self) -> bool:
         """Whether the last error is less than a minute old."""
@@ -73,10 +64,6 @@ class CallbackErrors:
             self._said.popitem(last=False)
         return True
 
-    def _say_unless_leaving(self, line: str) -> None:
-        if not self._is_leaving():
-            self._say(line)
-
 
 _of_nodes: WeakKeyDictionary[Node, CallbackErrors] = WeakKeyDictionary()
 _lock = threading.Lock()
@@ -87,8 +74,7 @@ def callback_errors(node: Node) -> CallbackErrors:
     with _lock:
         known = _of_nodes.get(node)
         if known is None:
-            logger, context = node.get_logger(), node.context
-            known = _of_nodes[node] = CallbackErrors(logger.error, lambda: not context.ok())
+            known = _of_nodes[node] = CallbackErrors(node.get_logger().error)
         return known
 
 

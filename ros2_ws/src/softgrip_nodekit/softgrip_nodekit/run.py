@@ -6,7 +6,6 @@ from __future__ import annotations
 import faulthandler
 import gc
 import os
-import signal
 import sys
 import time
 import traceback
@@ -17,9 +16,11 @@ import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 
-from softgrip_nodekit.callback_errors import SIGNAL_WAIT_S, CallbackErrors, callback_errors
+from softgrip_nodekit.callback_errors import CallbackErrors, callback_errors
 from softgrip_nodekit.cell_time import CellFollower, await_cell, join_cell_time
+from softgrip_nodekit.ending import Ending
 from softgrip_nodekit.errors import FatalError, StartupError
 from softgrip_nodekit.executor import destroy_node, end_context, make_executor
 from softgrip_nodekit.guards import guard_parameter_services, serve_ping, settle_time
@@ -73,17 +74,18 @@ def run(factory: Callable[[], CellNode], args: Sequence[str] | None = None, *, t
         the process's exit code.
     """
     try:
-        rclpy.init(args=list(args) if args is not None else None)
+        rclpy.init(args=list(args) if args is not None else None, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001  rcl's words for arguments and parameter files, in several classes
         return _cannot_start(getattr(factory, "__name__", "node"), error)
-    _end_with_the_terminal()
     # A large message that one thread reads must not hold up a loop, or an emergency stop, of another.
     sys.setswitchinterval(SWITCH_INTERVAL)
     node: CellNode | None = None
     follower: CellFollower | None = None
     executor: Executor | None = None
+    ending = Ending()
     code, is_started = 0, False
     try:
+        ending.take_signals()
         node = factory()
         follower = join_cell_time(node)
         _refuse_unknown_parameters(node)
@@ -99,7 +101,7 @@ def run(factory: Callable[[], CellNode], args: Sequence[str] | None = None, *, t
         gc.collect()
         gc.freeze()
         is_started = True
-        _spin(executor, callback_errors(node))
+        _spin(executor, ending, callback_errors(node))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except StartupError as error:
@@ -108,29 +110,26 @@ def run(factory: Callable[[], CellNode], args: Sequence[str] | None = None, *, t
         code = 1
         print(f"[{node.get_name() if node else ''}] ends: {error}", file=sys.stderr, flush=True)  # noqa: T201  as above
     except Exception as error:
-        if _is_asked_to_stop():
-            pass  # a publish, or a message being taken, that met the shutdown: nothing is wrong, the node is leaving
-        elif is_started:
+        if is_started:
             raise
-        else:
-            traceback.print_exc()
-            code = _cannot_start(_name_of(node, factory), error)
+        traceback.print_exc()
+        code = _cannot_start(_name_of(node, factory), error)
     finally:
         if follower is not None:
             follower.leave()
-        _leave(node, executor)
+        _leave(node, executor, ending)
     return code
 
 
-def _spin(executor: Executor, errors: CallbackErrors) -> None:
-    """Run callbacks until the context ends; executors let out what a callback raised, and can be run again."""
+def _spin(executor: Executor, ending: Ending, errors: CallbackErrors) -> None:
+    """Run callbacks until the node's end; executors let out what a callback raised, and can be run again."""
     while True:
         try:
-            executor.spin()
+            ending.spin(executor)
         except (ExternalShutdownException, FatalError, StartupError):
             raise
         except Exception as error:  # noqa: BLE001  no message from outside may end a node
-            if not rclpy.ok():
+            if ending.is_asked or not rclpy.ok():
                 return
             if not _is_known(error):
                 errors.report(error)
@@ -157,12 +156,6 @@ def _cannot_start(name: str, error: Exception) -> int:
     return CANNOT_START
 
 
-def _end_with_the_terminal() -> None:
-    """Take a closed terminal for a kill, which rclpy cleans up after; under nohup it stays ignored."""
-    if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
-        signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
-
-
 def _refuse_unknown_parameters(node: CellNode) -> None:
     """Refuse values for parameters that the node does not have: ROS 2 passes over a misspelt one in silence."""
     given = node._parameter_overrides  # noqa: SLF001  rclpy has no public way to ask
@@ -181,21 +174,13 @@ def _claim_processor(node: Node) -> None:
         node.get_logger().info(claim_processor(int(node.get_parameter(REALTIME_PRIORITY).value), own_threads()))
 
 
-def _is_asked_to_stop() -> bool:
-    """Whether a signal ends this process; rclpy's thread for signals may be a little later than the error it caused."""
-    deadline = time.monotonic() + SIGNAL_WAIT_S
-    while rclpy.ok() and time.monotonic() < deadline:
-        time.sleep(DEVICE_POLL)
-    return not rclpy.ok()
-
-
 def _autostart(node: Node) -> bool:
     return node.has_parameter("autostart") and bool(node.get_parameter("autostart").value)
 
 
 def _bring_up(node: HardwareNode) -> None:
     await_cell(node)
-    _await_devices([Path(path) for path in node.device_paths])
+    _await_devices(node)
     for transition in (node.trigger_configure, node.trigger_activate):
         result = transition()
         if result != TransitionCallbackReturn.SUCCESS:
@@ -203,16 +188,16 @@ def _bring_up(node: HardwareNode) -> None:
             raise StartupError(f"{transition.__name__.removeprefix('trigger_')} failed: {reason}")
 
 
-def _await_devices(paths: Sequence[Path]) -> None:
+def _await_devices(node: HardwareNode) -> None:
     """Wait for device files; what is still missing afterwards is for ``configure`` to name."""
+    paths = [Path(path) for path in node.device_paths]
     deadline = time.monotonic() + DEVICE_WAIT
     while time.monotonic() < deadline and not all(path.exists() for path in paths):
         time.sleep(DEVICE_POLL)
 
 
-def _leave(node: CellNode | None, executor: Executor | None) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):  # a second Ctrl-C, launch's own after five seconds
-        signal.signal(number, signal.SIG_IGN)  # must not cut the way to safe short
+def _leave(node: CellNode | None, executor: Executor | None, ending: Ending) -> None:
+    ending.leave()
     faulthandler.dump_traceback_later(CLOSING_S, file=STDERR)
     try:
         if node is not None:

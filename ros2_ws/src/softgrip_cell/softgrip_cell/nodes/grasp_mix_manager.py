@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -132,10 +133,10 @@ class GraspMixManager(CellNode):
 
     def close(self) -> None:
         """Let go of the cell: a grasp or swap ends, the driver holds or releases by its own rules."""
-        self._grasp.abort("grasp_mix_manager is shutting down")
-        self._driver.hold()
-        self._lease.release()
-        self._database.close()
+        with closing(self._database):
+            self._grasp.abort("grasp_mix_manager is shutting down")
+            self._driver.hold()
+            self._lease.release()
 
     def _open_cell(self, values: dict[str, Any]) -> Cell:
         """Fill an empty database from the shipped files and take up what the last run left."""
