@@ -14,8 +14,8 @@ from types import FrameType
 
 from rclpy.executors import Executor
 
-#: What launch and a terminal send.
-ENDS = (signal.SIGINT, signal.SIGTERM)
+#: What launch, a terminal and a closed terminal send.
+_ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 #: [s] between two orders to an executor that has not left its spin: the first may have come before it was in.
 _AGAIN_S = 0.05
 
@@ -38,6 +38,7 @@ class Ending:
         self._has_come = False
         self._executor: Executor | None = None
         self._former_fd = -1
+        self._taken: list[signal.Signals] = []
 
     @property
     def is_asked(self) -> bool:
@@ -50,10 +51,10 @@ class Ending:
             return
         self._watcher.start()
         self._former_fd = signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
-        for number in ENDS:
+        is_nohup = signal.getsignal(signal.SIGHUP) is not signal.SIG_DFL
+        self._taken = [number for number in _ENDS if number != signal.SIGHUP or not is_nohup]
+        for number in self._taken:
             signal.signal(number, self._on_signal)
-        if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:  # a closed terminal; under nohup it stays ignored
-            signal.signal(signal.SIGHUP, self._on_signal)
 
     def spin(self, executor: Executor) -> None:
         """Run callbacks until a signal, the executor or the context ends that; what they raise comes out."""
@@ -64,9 +65,9 @@ class Ending:
     def leave(self) -> None:
         """Let no further signal cut the way to safe short, such as launch's own, five seconds after Ctrl-C."""
         self._has_left.set()
-        if self._watcher.is_alive():
-            for number in ENDS:
-                signal.signal(number, signal.SIG_IGN)
+        for number in self._taken:
+            signal.signal(number, signal.SIG_IGN)
+        if self._taken:
             signal.set_wakeup_fd(self._former_fd)
             self._writer.close()  # nothing more to read
             self._watcher.join()
@@ -79,7 +80,7 @@ class Ending:
             raise KeyboardInterrupt
 
     def _watch(self) -> None:
-        while not {*self._reader.recv(16)} & {*ENDS, signal.SIGHUP}:
+        while not {*self._reader.recv(16)} & {*_ENDS}:
             if self._has_left.is_set():
                 return
         self._asked.set()

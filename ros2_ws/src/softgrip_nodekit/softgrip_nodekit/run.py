@@ -115,9 +115,10 @@ def run(factory: Callable[[], CellNode], args: Sequence[str] | None = None, *, t
         traceback.print_exc()
         code = _cannot_start(_name_of(node, factory), error)
     finally:
+        ending.leave()
         if follower is not None:
             follower.leave()
-        _leave(node, executor, ending)
+        _leave(node, executor)
     return code
 
 
@@ -196,8 +197,7 @@ def _await_devices(node: HardwareNode) -> None:
         time.sleep(DEVICE_POLL)
 
 
-def _leave(node: CellNode | None, executor: Executor | None, ending: Ending) -> None:
-    ending.leave()
+def _leave(node: CellNode | None, executor: Executor | None) -> None:
     faulthandler.dump_traceback_later(CLOSING_S, file=STDERR)
     try:
         if node is not None:

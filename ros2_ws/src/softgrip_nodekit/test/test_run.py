@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -28,6 +28,16 @@ from softgrip_nodekit import (
 )
 from softgrip_nodekit.run import CANNOT_START
 from softgrip_testing.waiting import wait_until
+
+
+@pytest.fixture(autouse=True)
+def signals_as_before() -> Iterator[None]:
+    """A node's process ignores signals once it leaves; this one has more to do, and its children inherit that."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
 
 ERROR = "Unable to convert call argument '0' to Python object"
 
@@ -388,7 +398,7 @@ def test_no_signal_cuts_the_way_to_safe_short() -> None:
     assert [node.stdout.readline() for _ in range(2)] == ["begins\n", "ends\n"]
     node.send_signal(signal.SIGINT)
     assert node.stdout.readline() == "closes\n"
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         node.send_signal(number)
         time.sleep(0.1)
     said, errors = node.communicate(timeout=30)

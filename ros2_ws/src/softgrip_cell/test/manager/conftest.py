@@ -61,7 +61,7 @@ class Guard:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._safety = node.create_publisher(SafetyState, "safety/state", LATCHED)
+        self.safety = node.create_publisher(SafetyState, "safety/state", LATCHED)
         self._owners = node.create_publisher(TendonOwners, "tendon/owners", LATCHED)
         node.create_service(AcquireLease, "tendon/lease", self._on_lease)
         node.create_service(ReleaseLease, "tendon/lease_release", self._on_lease_release)
@@ -104,7 +104,7 @@ class Guard:
             lock_reason=self.lock_reason,
         )
         message.header.stamp = self._node.get_clock().now().to_msg()
-        self._safety.publish(message)
+        self.safety.publish(message)
 
     def refusal(self, lease: str = "", *, leased: bool = True) -> str:
         """Why an order is refused, empty when it is not."""
@@ -238,6 +238,11 @@ class ScriptedDriver(Node):
         self.cell: CellState | None = None
         self.create_timer(0.005, self._tick)
         self.publish_friction()
+
+    def is_heard(self) -> bool:
+        """Whether somebody has found the topics that tell of the tendons; DDS needs a moment for that."""
+        topics = (self._state, self._status, self._predicted, self._residual, self._friction, self.guard.safety)
+        return all(publisher.get_subscription_count() > 0 for publisher in topics)
 
     def publish_residual(self, finger: str, verdict: int, reason: str) -> None:
         """Say what the predictor would of a finger."""
@@ -485,6 +490,7 @@ class Cell:
         )
         until(lambda: self.driver.cell is not None, 20.0, "cell/state", self.process)
         self.state(lambda state: state.mode == mode, f"mode {mode}")
+        until(self.driver.is_heard, 10.0, "the manager's subscriptions to the driver", self.process)
 
     def stop(self, how: signal.Signals = signal.SIGINT) -> str:
         assert self.process is not None
