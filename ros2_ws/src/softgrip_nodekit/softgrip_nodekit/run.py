@@ -181,7 +181,7 @@ def _autostart(node: Node) -> bool:
 
 def _bring_up(node: HardwareNode) -> None:
     await_cell(node)
-    _await_devices(node)
+    _await_devices([Path(path) for path in node.device_paths])
     for transition in (node.trigger_configure, node.trigger_activate):
         result = transition()
         if result != TransitionCallbackReturn.SUCCESS:
@@ -189,9 +189,8 @@ def _bring_up(node: HardwareNode) -> None:
             raise StartupError(f"{transition.__name__.removeprefix('trigger_')} failed: {reason}")
 
 
-def _await_devices(node: HardwareNode) -> None:
+def _await_devices(paths: Sequence[Path]) -> None:
     """Wait for device files; what is still missing afterwards is for ``configure`` to name."""
-    paths = [Path(path) for path in node.device_paths]
     deadline = time.monotonic() + DEVICE_WAIT
     while time.monotonic() < deadline and not all(path.exists() for path in paths):
         time.sleep(DEVICE_POLL)
