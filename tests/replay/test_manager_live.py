@@ -7,7 +7,6 @@ The manager, its scripted driver and the controller are those of softgrip_cell's
 from __future__ import annotations
 
 import math
-import os
 import signal
 import subprocess
 import sys
@@ -25,6 +24,7 @@ from softgrip_cell.nodes.controller_client import GRASP_OUTCOMES
 from softgrip_interfaces.action import SwapFingers
 from softgrip_interfaces.msg import CellState
 from softgrip_testing.bag_excerpt import excerpt
+from softgrip_testing.free_domains import own_domain
 from softgrip_testing.scripts import load_script
 from softgrip_testing.waiting import wait_until
 
@@ -51,7 +51,7 @@ def record(folder: Path) -> Path:
     """Have a manager do all of `work` beside a recorder; return the bag (make_bags.py ships it)."""
     manager = load("manager/conftest")
     patch = pytest.MonkeyPatch()
-    patch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 200 + 20))
+    patch.setenv("ROS_DOMAIN_ID", own_domain())
     patch.setenv("ROS_LOCALHOST_ONLY", "1")
     manager.rclpy.init()
     cell = manager.Cell(folder, load("conftest").Bench())

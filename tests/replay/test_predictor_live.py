@@ -16,7 +16,8 @@ from softgrip_bag.nodes.replay import check
 from softgrip_bag.reader import read, topic_summaries
 from softgrip_interfaces.msg import CellState, FingerStates, FrictionModel, InputNote, MountedFinger
 from softgrip_nodekit import LATCHED, SENSOR, nanoseconds, to_time_message
-from softgrip_testing.nodes.node_processes import Peer, node_processes, own_domain, peer_node
+from softgrip_testing.free_domains import own_domain
+from softgrip_testing.nodes.node_processes import Peer, node_processes, peer_node
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow, pytest.mark.timeout(300)]
 PROFILES = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_bringup/profiles"

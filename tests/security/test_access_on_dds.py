@@ -17,7 +17,7 @@ import pytest
 import rclpy
 
 from softgrip_security.policy import Grant, Policy, PolicyIdentity, read_policy
-from softgrip_testing.free_domains import FreeDomains
+from softgrip_testing.free_domains import own_domain
 
 pytestmark = [
     pytest.mark.ros,
@@ -62,7 +62,7 @@ def test_it_can_make_what_it_may_and_nothing_else(keys: Path, policy: Policy, tm
     file = tmp_path / "names.json"
     file.write_text(json.dumps(names))
     environment = os.environ | {
-        "ROS_DOMAIN_ID": str(FreeDomains(start=os.getpid()).take_domain()),
+        "ROS_DOMAIN_ID": own_domain(),
         "ROS_SECURITY_KEYSTORE": str(keys),
         "ROS_SECURITY_ENABLE": "true",
         "ROS_SECURITY_STRATEGY": "Enforce",

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from softgrip_testing.free_domains import FreeDomains
+from softgrip_testing.free_domains import TEST_DOMAINS, FreeDomains, own_domain
 
 #: numbers that no other run of this test has
 DOMAINS = [10 * os.getpid() + i for i in range(1000, 1003)]
@@ -56,3 +56,12 @@ def test_domains_come_in_turn_from_the_start() -> None:
         turn.append(free.take_domain())
         free.release(turn[-1])
     assert turn == [DOMAINS[1], DOMAINS[2], DOMAINS[0], DOMAINS[1]]
+
+
+def test_each_test_of_a_process_gets_another_domain_that_is_held() -> None:
+    taken = [int(own_domain()) for _ in range(6)]
+    assert len(set(taken)) == 6
+    assert set(taken) <= set(TEST_DOMAINS)
+    held = FreeDomains(domains=taken[-1:])
+    with pytest.raises(RuntimeError, match="all held"):
+        held.take_domain()

@@ -16,6 +16,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from std_msgs.msg import Int32, String
 
@@ -23,15 +24,15 @@ from softgrip_bag.reader import attachments, facts, read
 from softgrip_bag.repair import is_broken, repair
 from softgrip_bag.writer import BagWriter, Topic
 from softgrip_interfaces.srv import SnapshotRecording, SplitRecording, StartRecording, StopRecording
+from softgrip_testing.free_domains import own_domain
 
 pytestmark = pytest.mark.slow
-DOMAIN = 52
 LONGEST = 60.0  # [s] for anything that is waited for
 
 
 @pytest.fixture
 def talker(monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+    monkeypatch.setenv("ROS_DOMAIN_ID", own_domain())
     rclpy.init()
     node = Node("talker")
     yield node
@@ -46,7 +47,7 @@ def recorder(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]
     def start(bag: Path, *more: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "softgrip_bag.nodes.recorder", "--ros-args"]
         command += ["-p", f"root:={tmp_path}", "-p", f"path:={bag}", "-p", f"attachment_roots:={tmp_path}", *more]
-        running.append(subprocess.Popen(command, env=os.environ | {"ROS_DOMAIN_ID": str(DOMAIN)}))
+        running.append(subprocess.Popen(command))
         return running[-1]
 
     yield start
@@ -114,7 +115,8 @@ def test_services_and_what_the_bag_carries(
     calibration = tmp_path / "camera.yaml"
     calibration.write_text("a: 1\n")
     talker.declare_parameter("calibration_file", str(calibration))
-    output = talker.create_publisher(String, "count", 100)
+    # what is kept in full is sent in full: with a depth, a middleware may drop of three thousand at once
+    output = talker.create_publisher(String, "count", QoSProfile(history=HistoryPolicy.KEEP_ALL))
     beat = talker.create_publisher(String, "beat", 100)
     talker.create_timer(0.01, lambda: beat.publish(String(data="goes on")))
     bag = tmp_path / "bag"

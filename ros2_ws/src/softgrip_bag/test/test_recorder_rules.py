@@ -30,7 +30,7 @@ from softgrip_bag.repair import is_broken
 from softgrip_bag.writer import BagWriter, FileLimits
 from softgrip_interfaces.srv import SnapshotRecording, SplitRecording, StartRecording, StopRecording
 from softgrip_nodekit import Health, StartupError
-from softgrip_testing.nodes.node_processes import own_domain
+from softgrip_testing.free_domains import own_domain
 from softgrip_testing.waiting import TEST_TIMEOUT_S, wait_until
 
 pytestmark = pytest.mark.ros

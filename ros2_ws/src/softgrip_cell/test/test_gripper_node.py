@@ -27,8 +27,8 @@ from softgrip_interfaces.msg import CellState, LeaseHeartbeat, MountedFinger, Sa
 from softgrip_interfaces.srv import AcquireLease, ReleaseLease
 from softgrip_model.profile import load_directory, shipped_directory
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
+from softgrip_testing.free_domains import own_domain
 from softgrip_testing.nodes.gripper_goals import TEN_GOALS, GoalCase, MockSetting, outcome_of
-from softgrip_testing.nodes.node_processes import own_domain
 
 pytestmark = pytest.mark.ros
 SLOTS = ("index", "middle", "thumb")

@@ -25,7 +25,8 @@ from softgrip_description.nodes.hand_description import StatePublisherLink
 from softgrip_interfaces.msg import CellState, FingerState, FingerStates, MountedFinger
 from softgrip_model.profile import load, shipped_directory
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, to_time_message
-from softgrip_testing.nodes.node_processes import Peer, node_processes, own_domain, peer_node
+from softgrip_testing.free_domains import own_domain
+from softgrip_testing.nodes.node_processes import Peer, node_processes, peer_node
 
 pytest.importorskip("mujoco")
 import mujoco

@@ -31,8 +31,8 @@ from softgrip_interfaces.msg import (
 )
 from softgrip_interfaces.srv import StartRecording, StopRecording
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
+from softgrip_testing.free_domains import own_domain
 from softgrip_testing.nodes.following_cell import SLOTS, FollowingCell, spun
-from softgrip_testing.nodes.node_processes import own_domain
 from softgrip_testing.waiting import wait_until
 
 OPEN = dict.fromkeys(LONG_FINGERS, (10.0, 8.0, 6.0))

@@ -24,7 +24,7 @@ from softgrip_interfaces.action import CalibrateFriction
 from softgrip_interfaces.msg import FrictionModel
 from softgrip_model.friction.errors import FrictionError
 from softgrip_model.friction.record import ModelVerdict
-from softgrip_testing.nodes.node_processes import own_domain
+from softgrip_testing.free_domains import own_domain
 from softgrip_testing.waiting import wait_until
 
 pytestmark = pytest.mark.ros

@@ -20,7 +20,7 @@ from softgrip_driver.nodes.rig_safety import MAX_ABSENCE_S, FollowedSafety, OwnS
 from softgrip_driver.tendon.safety_store import SafetyStore, SafetyStoreError
 from softgrip_interfaces.msg import SafetyState
 from softgrip_nodekit import LATCHED, standstill
-from softgrip_testing.nodes.node_processes import own_domain
+from softgrip_testing.free_domains import own_domain
 from softgrip_testing.waiting import TEST_TIMEOUT_S, wait_until
 
 pytestmark = pytest.mark.ros

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
+import time
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,12 +13,15 @@ from typing import Any
 
 import pytest
 import yaml
+from builtin_interfaces.msg import Duration
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from softgrip_driver.nodes.tendon_driver import TendonDriver
 from softgrip_driver.nodes.tendon_safety import Drives, SafetyServer
 from softgrip_driver.tendon.blocking import block_of
 from softgrip_driver.tendon.gripper import Policies, StopPolicy
+from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.ownership import Ownership
 from softgrip_driver.tendon.safety import Safety, SafetyRefusal
 from softgrip_driver.tendon.safety_store import SafetyRecord, SafetyStore, StopCause
@@ -154,6 +158,30 @@ def test_no_order_that_may_be_old_reaches_the_bus() -> None:
     assert TendonDriver._with_loop(node, asked.append) == (False, "the node stood still for 5.0 s")
     assert TendonDriver._ticket_or_refusal(node, MoveTendon.Goal()) == "the node stood still for 5.0 s"
     assert not asked
+
+
+def test_a_stream_that_the_middleware_delivers_after_the_unlock_moves_nothing(safety: Safety) -> None:
+    token = safety.acquire_lock("manager", "hands in the palm")
+    sent_ns = time.time_ns()
+    safety.release_lock(token)
+    ordered: list[Any] = []
+    said: list[str] = []
+    logger = SimpleNamespace(warning=lambda text, **_: said.append(text))
+    loop = SimpleNamespace(order=lambda *_, **__: ordered.append(1) or SimpleNamespace(refusal=""))
+    node: Any = SimpleNamespace(
+        _safety=safety,
+        _active=True,
+        _configuration=SimpleNamespace(limits={"index": TendonLimits()}),
+        get_logger=lambda: logger,
+    )
+    node._with_loop = lambda action: action(loop)
+    point = JointTrajectoryPoint(positions=[0.01], time_from_start=Duration(sec=1))
+    stream = JointTrajectory(joint_names=["index"], points=[point])
+    for sent, orders in ((sent_ns, 0), (time.time_ns(), 1)):
+        TendonDriver._on_trajectory(node, stream, {"source_timestamp": sent})
+        assert len(ordered) == orders
+    assert len(said) == 1
+    assert "before the emergency stop or the lock ended" in said[0]
 
 
 # --- tokens and locks ----------------------------------------------------------------------------------------------

@@ -72,6 +72,36 @@ def test_a_reset_that_cannot_be_written_does_not_happen(path, monkeypatch):
     assert safety.record.is_stopped
 
 
+def test_what_was_sent_before_a_stop_or_a_lock_ended_moves_nothing(path):
+    now = [5_000_000_000]
+    safety = Safety(SafetyStore(path), epoch_ns=lambda: now[0])
+    assert safety.refusal_of_sent(1) == "", "nothing was forbidden since this process runs"
+    safety.set_armed(armed=True)
+    assert safety.refusal_of_sent(4_999_999_999) == "", "taking hold ends neither a stop nor a lock"
+    token = safety.acquire_lock("a person", "hands inside")
+    safety.latch_stop("another")
+    now[0] = 6_000_000_000
+    safety.reset_stop()
+    assert safety.refusal_of_sent(5_500_000_000) == "", "the lock still stands, and refuses for itself"
+    now[0] = 7_000_000_000
+    safety.release_lock(token)
+    refusal = safety.refusal_of_sent(6_750_000_000)
+    assert "sent 0.250 s before the emergency stop or the lock ended" in refusal
+    assert "synchronise" in refusal
+    assert safety.refusal_of_sent(7_000_000_000) == ""
+    assert safety.refusal_of_sent(0) == "", "a middleware that does not say when"
+
+
+def test_a_stop_that_comes_while_another_is_reset_frees_nothing(path, monkeypatch):
+    safety = Safety(SafetyStore(path), epoch_ns=lambda: 9)
+    safety.latch_stop("first")
+    save = SafetyStore.save
+    monkeypatch.setattr(SafetyStore, "save", lambda store, record: (save(store, record), safety.latch_stop("second")))
+    safety.reset_stop()
+    assert safety.record.is_stopped
+    assert safety.refusal_of_sent(8) == ""
+
+
 def test_file_and_folder_are_synchronised_before_a_write_counts(path, monkeypatch):
     """The order of system calls that a power cut must not be able to cut short: data, rename, folder."""
     calls = []

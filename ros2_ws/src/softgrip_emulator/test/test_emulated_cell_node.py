@@ -14,7 +14,8 @@ from sensor_msgs.msg import Temperature
 from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import InjectFault, MountFingers, PlaceObject, SetRig
 from softgrip_nodekit import SENSOR, seconds
-from softgrip_testing.nodes.node_processes import node_processes, own_domain, peer_node
+from softgrip_testing.free_domains import own_domain
+from softgrip_testing.nodes.node_processes import node_processes, peer_node
 from softgrip_testing.waiting import TEST_TIMEOUT_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

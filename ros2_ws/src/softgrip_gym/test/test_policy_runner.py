@@ -19,8 +19,8 @@ from softgrip_gym.tendons import MAX_RATE_M_S, PERIOD_S
 from softgrip_interfaces.msg import EmulatorTruth
 from softgrip_interfaces.srv import MountFingers, PlaceObject
 from softgrip_nodekit import SENSOR
+from softgrip_testing.free_domains import own_domain
 from softgrip_testing.nodes.following_cell import FollowingCell, spun
-from softgrip_testing.nodes.node_processes import own_domain
 
 APPLE = read_catalogue().products["apple"]
 #: As stiff as 2 N a millimetre.

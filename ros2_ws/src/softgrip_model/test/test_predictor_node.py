@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import math
-import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -34,6 +32,7 @@ from softgrip_model.finger import Finger, JointModel, close
 from softgrip_model.friction.published import published
 from softgrip_model.profile import load_directory
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, to_time_message
+from softgrip_testing.free_domains import own_domain
 
 pytestmark = pytest.mark.ros
 
@@ -152,10 +151,7 @@ class Cell(Node):
 
 @pytest.fixture
 def cell(monkeypatch: pytest.MonkeyPatch) -> Iterator[Cell]:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        monkeypatch.setenv("EMBEDDED_ROUTER_PORT", str(free.getsockname()[1]))
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 200 + 20))
+    monkeypatch.setenv("ROS_DOMAIN_ID", own_domain())
     rclpy.init()
     made = Cell()
     try:

@@ -7,7 +7,6 @@ import array
 import math
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -31,6 +30,7 @@ from tf2_msgs.msg import TFMessage
 
 from softgrip_interfaces.msg import CellState, FingerMarkers, FingerStates, MountedFinger
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, seconds, to_time_message
+from softgrip_testing.free_domains import own_domain
 from softgrip_testing.synthetic_images import SyntheticScene
 from softgrip_vision import calibration as files
 from softgrip_vision.calibration import CameraCalibration
@@ -102,10 +102,7 @@ class Watcher(Node):
 
 @pytest.fixture
 def watcher(monkeypatch: pytest.MonkeyPatch) -> Iterator[Watcher]:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        monkeypatch.setenv("EMBEDDED_ROUTER_PORT", str(free.getsockname()[1]))
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(20 + os.getpid() % 80))
+    monkeypatch.setenv("ROS_DOMAIN_ID", own_domain())
     rclpy.init()
     node = Watcher()
     yield node

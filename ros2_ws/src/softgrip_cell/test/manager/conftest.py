@@ -3,11 +3,9 @@
 
 from __future__ import annotations
 
-import os
 import resource
 import secrets
 import signal
-import socket
 import sqlite3
 import subprocess
 import sys
@@ -49,6 +47,7 @@ from softgrip_interfaces.msg import (
 from softgrip_interfaces.srv import AcquireLease, AcquireLock, ConfirmStep, ReleaseLease, ReleaseLock
 from softgrip_model.friction.acceptance import accept
 from softgrip_nodekit import LATCHED, SENSOR, to_time_message
+from softgrip_testing.free_domains import own_domain
 
 SLOTS = ("index", "middle", "thumb")
 #: Between two looks of the scripted driver at most so much counts as an owner's silence [s]: in a longer pause this
@@ -544,10 +543,7 @@ class Cell:
 
 @pytest.fixture
 def cell(tmp_path: Path, bench: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cell]:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        monkeypatch.setenv("EMBEDDED_ROUTER_PORT", str(free.getsockname()[1]))
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(os.getpid() % 200 + 20))
+    monkeypatch.setenv("ROS_DOMAIN_ID", own_domain())
     rclpy.init()
     made = Cell(tmp_path, bench())
     try:

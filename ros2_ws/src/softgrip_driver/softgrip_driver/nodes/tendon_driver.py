@@ -52,6 +52,7 @@ from softgrip_nodekit import (
     startup_errors,
     steady_timer,
     to_time_message,
+    with_message_info,
 )
 from softgrip_time import Clock as CellClock
 from softgrip_time import WallClock
@@ -60,6 +61,7 @@ from softgrip_time.units import NANOSECONDS
 if TYPE_CHECKING:
     from rclpy.action.server import ServerGoalHandle
     from rclpy.publisher import Publisher
+    from rclpy.subscription import MessageInfo
 
     _Handle = ServerGoalHandle[MoveTendon.Goal, MoveTendon.Result, MoveTendon.Feedback]
 
@@ -124,7 +126,7 @@ class TendonDriver(HardwareNode):
         self.create_subscription(
             JointTrajectory,
             "tendon/trajectory",
-            self._on_trajectory,
+            with_message_info(self._on_trajectory),
             RELIABLE,
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
@@ -359,8 +361,10 @@ class TendonDriver(HardwareNode):
         response.success, response.message = self._with_loop(release)
         return response
 
-    def _on_trajectory(self, message: JointTrajectory) -> None:
+    def _on_trajectory(self, message: JointTrajectory, info: MessageInfo) -> None:
         def follow(loop: BusLoop) -> tuple[bool, str]:
+            if refusal := self._safety.refusal_of_sent(info["source_timestamp"]):
+                return False, refusal
             trajectories = convert.from_trajectory(message, self._configuration.limits)
             lease = message.header.frame_id
             ticket = loop.order(lambda controller, now: controller.follow(trajectories, now, lease), power=self._active)

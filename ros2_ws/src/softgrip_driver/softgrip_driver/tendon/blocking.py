@@ -11,7 +11,7 @@ from softgrip_driver.tendon.safety_store import SafetyRecord, StopCause
 def block_of(safety: Safety, policies: Policies) -> Block | None:
     """Return why nothing may move now and whether torque goes off; None = it may."""
     record = safety.record
-    if not (record.is_stopped or record.is_locked):
+    if not record.is_blocked:
         return None
     lets_go = record.is_locked or _stop_policy(record, policies) is StopPolicy.LET_GO
     return Block(safety.refusal, record.is_stopped, lets_go, cause=record.stop_reason)

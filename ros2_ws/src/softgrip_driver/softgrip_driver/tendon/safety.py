@@ -6,6 +6,7 @@ from __future__ import annotations
 import hmac
 import secrets
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -17,6 +18,7 @@ from softgrip_driver.tendon.safety_store import (
     StopCause,
     token_digest,
 )
+from softgrip_time.units import to_s
 
 #: [s] A driver that stood still for longer counts as killed: its links may have ended, and a stop with them
 MAX_DEAF_S = 2.0
@@ -36,11 +38,19 @@ class Safety:
     Args:
         store: the file.
         on_change: called with the new record after each change, without the lock.
+        epoch_ns: [ns] since the epoch, by which middlewares say when a message was sent.
     """
 
-    def __init__(self, store: SafetyStore, on_change: Callable[[SafetyRecord], None] = lambda _: None) -> None:
+    def __init__(
+        self,
+        store: SafetyStore,
+        on_change: Callable[[SafetyRecord], None] = lambda _: None,
+        epoch_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
         self._store = store
         self._on_change = on_change
+        self._epoch_ns = epoch_ns
+        self._free_since_ns = 0  # since when nothing forbids to move; 0 = since before this process
         #: a disk may take seconds: only `_writing` is held while it is written to, and no stop waits for that
         self._mutex, self._writing = threading.Lock(), threading.Lock()
         self._stops = 0
@@ -77,6 +87,22 @@ class Safety:
                 "tendon/unlock"
             )
         return "; ".join(reasons)
+
+    def refusal_of_sent(self, sent_ns: int) -> str:
+        """Return why what was sent at a moment may not move anything, though all else may; empty when it may.
+
+        A middleware may deliver late: what was sent while hands were inside is no order for the time after.
+
+        Args:
+            sent_ns: [ns] since the epoch, by the sender's clock; 0 = nobody knows.
+        """
+        since_ns = self._free_since_ns
+        if not sent_ns or sent_ns >= since_ns:
+            return ""
+        return (
+            f"it was sent {to_s(since_ns - sent_ns):.3f} s before the emergency stop or the lock ended; send it again. "
+            "Where it was sent after that, synchronise the clocks of the two computers"
+        )
 
     # --- emergency stop --------------------------------------------------------------------------------------------
 
@@ -192,6 +218,8 @@ class Safety:
                 if self._stops != stops:
                     stop = self._record
                     changed = _next(changed, cause=stop.cause, stop_reason=stop.stop_reason)
+                if self._record.is_blocked and not changed.is_blocked:
+                    self._free_since_ns = self._epoch_ns()
                 self._record = changed
         self.announce()
 

@@ -84,9 +84,14 @@ class SafetyRecord:
         return bool(self.lock_digest)
 
     @property
+    def is_blocked(self) -> bool:
+        """Whether the emergency stop or a lock keeps the drives from moving."""
+        return self.is_stopped or self.is_locked
+
+    @property
     def is_at_rest(self) -> bool:
         """Whether nothing keeps the drives from moving, and nobody has torque on."""
-        return not (self.is_stopped or self.is_locked or self.is_armed)
+        return not (self.is_blocked or self.is_armed)
 
 
 class SafetyStore:

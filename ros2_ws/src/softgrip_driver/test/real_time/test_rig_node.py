@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 import gc
-import itertools
 import os
 import re
 import resource
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -32,9 +30,9 @@ from softgrip_interfaces.msg import FrictionModel, FrictionSample, RigProgress, 
 from softgrip_interfaces.srv import ActivateFrictionModel, ListFrictionModels
 from softgrip_model.friction.published import published_ids
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR, nanoseconds
+from softgrip_testing.free_domains import own_domain
 
 pytestmark = pytest.mark.ros
-DOMAINS = itertools.count()
 #: Rig seconds a second: quick, and 3 mm of sliding still last long enough to be sampled by a busy machine.
 SCALE = 20.0
 GOAL: dict[str, Any] = {
@@ -150,12 +148,7 @@ class Person(Node):
 
 @pytest.fixture
 def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Person]:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    # Each test its own: DDS keeps a killed node of the test before in its graph for ten seconds.
-    monkeypatch.setenv("ROS_DOMAIN_ID", str((os.getpid() + next(DOMAINS)) % 100 + 1))
-    monkeypatch.setenv("EMBEDDED_ROUTER_PORT", str(port))
+    monkeypatch.setenv("ROS_DOMAIN_ID", own_domain())
     rclpy.init()
     with EmulatedRig(seed=4, time_scale=SCALE).open_ports(tmp_path) as rig:
         person = Person(rig)

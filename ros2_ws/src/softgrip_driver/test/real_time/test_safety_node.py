@@ -19,7 +19,8 @@ from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import LeaseHeartbeat, SafetyState, TendonOwners, TendonStatus, TendonStatusArray
 from softgrip_interfaces.srv import AcquireLease, AcquireLock, ReleaseLease, ReleaseLock
 from softgrip_nodekit import LATCHED, RELIABLE, SENSOR
-from softgrip_testing.nodes.node_processes import node_processes, own_domain, peer_node
+from softgrip_testing.free_domains import own_domain
+from softgrip_testing.nodes.node_processes import node_processes, peer_node
 from softgrip_testing.waiting import TEST_TIMEOUT_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

@@ -19,7 +19,8 @@ from softgrip_driver.nodes.tendon_driver import TendonDriver
 from softgrip_interfaces.action import MoveTendon
 from softgrip_interfaces.msg import TendonStatus, TendonStatusArray
 from softgrip_nodekit import RELIABLE, SENSOR
-from softgrip_testing.nodes.node_processes import node_processes, own_domain, peer_node
+from softgrip_testing.free_domains import own_domain
+from softgrip_testing.nodes.node_processes import node_processes, peer_node
 from softgrip_testing.waiting import TEST_TIMEOUT_S
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

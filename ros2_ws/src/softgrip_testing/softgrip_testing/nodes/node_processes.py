@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
@@ -24,11 +23,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 Start = Callable[..., "subprocess.Popen[str]"]
-
-
-def own_domain() -> str:
-    """Return a ROS_DOMAIN_ID that nobody else on this machine is likely to use."""
-    return str(20 + os.getpid() % 80)
 
 
 @contextmanager
