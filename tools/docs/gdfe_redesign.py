@@ -16,6 +16,7 @@ import numpy as np
 from gdfe_cable_calculix import calculix, deck
 from numpy.typing import NDArray
 
+from softgrip_design.hand import ROUTING_BOUNDS_MM, THICKNESS_BOUNDS_MM
 from softgrip_design.mesh_objective import SETTINGS, FollowOnMesh
 from softgrip_design.objective import Weights
 from softgrip_design.target import DesignTarget
@@ -31,8 +32,6 @@ Array = NDArray[np.float64]
 DESIGNS = ("hook", "pinch", "power")
 ELEMENTS = ("C3D8", "C3D8I")
 PULLED_MM, STEPS = 14.0, 50
-#: [mm] bounds of h and of r: what the published designs span, and a little more.
-LOWER_MM, UPPER_MM = (0.3, 2.0), (1.6, 9.5)
 #: Of our tension when fully closed, so that CalculiX' softer C3D8I closes as far.
 SHARE = 1.3
 COARSE = replace(SETTINGS, resolution=RESOLUTIONS["coarse"])
@@ -71,7 +70,8 @@ def main() -> int:
         profile = load_directory(shipped_directory())[design]
         finger, law = Finger.from_profile(profile, "index"), assumed_friction(profile).law
         n = finger.joints
-        lower, upper = (np.repeat(bounds, [n, 2 * n]) for bounds in (LOWER_MM, UPPER_MM))
+        bounds = zip(THICKNESS_BOUNDS_MM, ROUTING_BOUNDS_MM, strict=True)
+        lower, upper = (np.repeat(ends, [n, 2 * n]) for ends in bounds)
         published = np.array([*finger.thickness_mm, *finger.routing_mm])
         objective = FollowOnMesh(finger, law, target_of(finger, law), Weights(1.0, 0.0), lower, upper, COARSE, MATERIAL)
         moved = objective.improve(published)

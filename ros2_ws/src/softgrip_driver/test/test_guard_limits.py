@@ -148,6 +148,18 @@ def test_one_late_step_confirms_no_break() -> None:
     assert not guard.step(1.3, 0.0, 0.01)
 
 
+@pytest.mark.parametrize(("rest", "found"), [(0.2, True), (4.0, False)])
+def test_a_drive_that_ran_away_has_lost_its_tendon_where_nothing_pulls_in_the_end(rest: float, found: bool) -> None:
+    """An XL330 with the gears that Rhoban identified (m6), its tendon cut at 10 N; 4 N are a finger without product."""
+    guard = pulled(10.0, stddev=0.5)
+    for t in times(0.38):
+        runs_in, brakes = t < 0.14, 0.14 <= t < 0.28
+        acceleration = -0.5 if brakes else 0.42
+        tension = 7.8 - 25.0 * t if runs_in else 0.0 if brakes else 6.0
+        assert not guard.step(0.3 + t, tension, 0.013, stddev=2.5, acceleration=acceleration)
+    assert (broken_after(guard, 0.68, lambda _: rest, stddev=0.5) is not None) is found
+
+
 def test_a_tendon_that_is_let_out_on_purpose_is_no_break() -> None:
     guard = pulled(8.0)
     guard.step(0.3, 0.0, 0.01)

@@ -179,7 +179,10 @@ class BreakGuard:
         if acceleration < -STEADY_ACCELERATION:
             # A motor that slows down needs less current, which passes for less tension: such a step does not count.
             return False
-        self._clock += elapsed
+        is_steady = acceleration < STEADY_ACCELERATION
+        if is_steady or self._vanished_at is not None:
+            # A drive that has lost its load runs away first: what it held before that is not long ago.
+            self._clock += elapsed
         if self._vanished_at is not None:
             if not self._gone(tension):
                 self._vanished_at = None
@@ -188,7 +191,7 @@ class BreakGuard:
             self._recent.popleft()
         if self._vanishes(tension, allowed):
             self._vanished_at = self._clock
-        elif abs(acceleration) < STEADY_ACCELERATION:
+        elif is_steady:
             self._recent.append(_Pull(self._clock, tension, pulled_length_m))
             self._furthest = max(self._furthest, pulled_length_m)
         return False
