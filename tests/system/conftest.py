@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
 import signal
 import subprocess
@@ -14,9 +15,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import rclpy
 
 from softgrip_testing.free_domains import FreeDomains
 from softgrip_testing.process_table import node_processes, session_processes
+from softgrip_testing.waiting import wait_until
 
 _DOMAINS = FreeDomains(start=os.getpid())
 
@@ -148,6 +151,26 @@ def _launches(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
 def launch(tmp_path: Path) -> Iterator[Callable[..., Launched]]:
     """Start a command in a domain of its own; everything is killed at the end of the test."""
     yield from _launches(tmp_path)
+
+
+@pytest.fixture
+def secure_router(tmp_path: Path) -> Iterator[Callable[[Path], None]]:
+    """Start the router of a keystore where the middleware wants one: rmw_zenoh_cpp does, embedded/ has its own."""
+    routers: list[subprocess.Popen[bytes]] = []
+
+    def start(keys: Path) -> None:
+        if rclpy.get_rmw_implementation_identifier() != "rmw_zenoh_cpp" or importlib.util.find_spec("embedded_ros"):
+            return
+        environment = os.environ | {"ZENOH_ROUTER_CONFIG_URI": str(keys / "zenoh" / "router.json5")}
+        log = (tmp_path / "router.txt").open("wb")
+        command = ["ros2", "run", "rmw_zenoh_cpp", "rmw_zenohd"]
+        routers.append(subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True))
+        wait_until(lambda: "Started Zenoh router" in (tmp_path / "router.txt").read_text(), "the router")
+
+    yield start
+    for router in routers:
+        os.killpg(router.pid, signal.SIGKILL)
+        router.wait()
 
 
 @pytest.fixture

@@ -147,10 +147,11 @@ class Clients:
 @pytest.mark.long
 @pytest.mark.timeout(900)
 def test_each_role_does_what_it_may_and_a_stranger_sees_and_does_nothing(
-    launch: Callable[..., Any], tmp_path: Path
+    launch: Callable[..., Any], secure_router: Callable[[Path], None], tmp_path: Path
 ) -> None:
     keys = tmp_path / "keys"
     Keystore(keys, read_policy()).make()
+    secure_router(keys)
     cell = launch(
         *("ros2", "launch", "softgrip_bringup", "cell.launch.yaml"),
         *(f"out:={tmp_path}/out", "secure:=true", f"keys:={keys}"),
