@@ -25,8 +25,9 @@ pytestmark = [
 def test_no_process_of_a_cell_ends_over_what_a_stranger_sends() -> None:
     done = subprocess.run(
         [sys.executable, str(BENCHMARK), "--count", str(COUNT), "--baseline", "2"],
-        capture_output=True, text=True, check=True, timeout=300.0,
+        capture_output=True, text=True, check=False, timeout=300.0,
     )  # fmt: skip
+    assert done.returncode == 0, done.stderr
     claims = {claim["name"]: claim for claim in map(json.loads, done.stdout.splitlines())}
     assert claims["processes ended"]["value"] == 0, done.stderr
     note = claims["processes ended"]["note"]
