@@ -232,6 +232,8 @@ def open_client(domain: int) -> zenoh.Session:
     configuration = zenoh.Config()
     configuration.insert_json5("mode", '"client"')
     configuration.insert_json5("connect/endpoints", f'["tcp/localhost:{router_port(domain)}"]')
+    # a router that is busy with what the stranger sent before may not take the first attempt
+    configuration.insert_json5("connect/timeout_ms", "30000")
     configuration.insert_json5("scouting/multicast/enabled", "false")
     return zenoh.open(configuration)
 
