@@ -162,9 +162,9 @@ def secure_router(tmp_path: Path) -> Iterator[Callable[[Path], None]]:
         if rclpy.get_rmw_implementation_identifier() != "rmw_zenoh_cpp" or importlib.util.find_spec("embedded_ros"):
             return
         environment = os.environ | {"ZENOH_ROUTER_CONFIG_URI": str(keys / "zenoh" / "router.json5")}
-        log = (tmp_path / "router.txt").open("wb")
         command = ["ros2", "run", "rmw_zenoh_cpp", "rmw_zenohd"]
-        routers.append(subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True))
+        with (tmp_path / "router.txt").open("wb") as log:
+            routers.append(subprocess.Popen(command, env=environment, stdout=log, stderr=log, start_new_session=True))
         wait_until(lambda: "Started Zenoh router" in (tmp_path / "router.txt").read_text(), "the router")
 
     yield start
