@@ -25,7 +25,7 @@ from _hostile import Generator, Input, Stranger, open_client
 from _live_cell import START_S, cell
 
 from embedded_ros import wire
-from embedded_ros.wire import EntityKind
+from embedded_ros.wire import Entity, EntityKind
 from softgrip_testing.benchmark_claim import claim
 from softgrip_testing.process_table import node_processes, resident_bytes
 from softgrip_time.units import to_s
@@ -94,11 +94,7 @@ class Stamps:
     """
 
     def __init__(self, stranger: Stranger) -> None:
-        entity = next(
-            entity
-            for entity in stranger.entities()
-            if entity.kind is EntityKind.PUBLISHER and (entity.node, entity.name) == ("tendon_driver", "/tendon/state")
-        )
+        entity = publisher(stranger, "tendon_driver", "/tendon/state")
         gid = wire.gid_of(wire.encode_token(entity))
         key = wire.data_key(stranger.domain, entity.name, entity.type, entity.hash)
         spawn = multiprocessing.get_context("spawn")
@@ -111,6 +107,17 @@ class Stamps:
         self._questions.send(None)
         found: tuple[float, int] = self._questions.recv()
         return found
+
+
+def publisher(stranger: Stranger, node: str, topic: str) -> Entity:
+    """Wait for a node's publisher; return it."""
+    end = time.monotonic() + START_S
+    while time.monotonic() < end:
+        for entity in stranger.entities():
+            if entity.kind is EntityKind.PUBLISHER and (entity.node, entity.name) == (node, topic):
+                return entity
+        time.sleep(0.1)
+    raise TimeoutError(f"expected {node} to publish {topic} within {START_S:.0f} s, found no publisher")
 
 
 def listen(domain: int, key: str, gid: bytes, questions: Any) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import zenoh
 import zenoh.ext
 
+from embedded_ros.later import Callback
 from embedded_ros.throttle import Throttle
 
 if TYPE_CHECKING:
@@ -35,7 +36,8 @@ def _direct(function: Callable[[Any], None], at_end: Callable[[], None] | None =
         if threading.get_ident() not in _known_threads:
             _stay_known()
         try:
-            function(item)
+            with Callback():
+                function(item)
         except Exception as error:  # noqa: BLE001  what comes from outside ends no thread and no process
             if _throttle.admit(type(error)) is not None:
                 _LOG.exception("could not take in what arrived")

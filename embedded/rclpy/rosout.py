@@ -3,14 +3,20 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING
 
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.constants import S_TO_NS
 from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.exceptions import InvalidHandle
 from rclpy.impl import rcutils_logger
 from rclpy.publisher import Publisher
 
+from embedded_ros.later import LATER
+
 if TYPE_CHECKING:
+    from rcl_interfaces.msg import Log
     from rclpy.impl.rcutils_logger import CallerId
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
@@ -37,7 +43,12 @@ class Rosout:
             function=caller.function_name, line=caller.line_number,
         )  # fmt: skip
         log.stamp.sec, log.stamp.nanosec = divmod(int(stamp_ns), S_TO_NS)
-        self._publisher.publish(log)
+        LATER.run(lambda: self._send(log))
+
+    def _send(self, log: Log) -> None:
+        if self._context._ok:
+            with contextlib.suppress(InvalidHandle, RCLError):  # gone while the line waited
+                self._publisher.publish(log)
 
     def destroy(self) -> None:
         """Stop publishing."""

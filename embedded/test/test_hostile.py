@@ -12,12 +12,13 @@ from typing import Any
 
 import pytest
 import zenoh
-from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.msg import Log, Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.impl import rcutils_logger
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -190,6 +191,19 @@ def test_garbage_on_a_topic_says_one_line_and_what_follows_is_heard(
     publisher.put(good, attachment=wire.encode_attachment(1, 1, b"g" * 16))
     assert spin_until(lambda: heard == ["good"], node)
     assert len([line for line in lines if "dropped a sample on '/heard'" in line]) == 1
+
+
+def test_garbage_on_rosout_is_said_there_and_stops_nobody(
+    stranger: zenoh.Session, make_node: Callable[..., Node], spin_until: Spin
+) -> None:
+    """What says that a sample was dropped goes back to the subscription that dropped it, in the same process."""
+    node, heard = make_node("listening"), []
+    latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    subscription = node.create_subscription(Log, "/rosout", lambda log: heard.append(log.msg), latched)
+    reach(stranger, subscription._key).put(b"garbage", attachment=b"short")
+    assert spin_until(lambda: any("dropped a sample on '/rosout'" in line for line in heard), node)
+    node.get_logger().info("still here")
+    assert spin_until(lambda: "still here" in heard, node)
 
 
 def test_publishers_that_are_remembered_are_few(
