@@ -39,7 +39,7 @@ class TrueFinger:
 
     def close(
         self, friction: float = 1.0, stiffness: float = 1.0, middle: float = 1.0, zero: float = 0.0, gain: float = 1.0,
-        camera: tuple[float, float] = (0.0, 0.0), ripple: float = 0.0,
+        camera: tuple[float, float] = (0.0, 0.0), ripple: float = 0.0, relaxed: float = 0.0, slack: int = 0,
     ) -> tuple[ClosingInstant, ...]:  # fmt: skip
         alpha, n, epsilon, lam = self.law.coefficients
         friction *= 1.0 + 0.01 * self._rng.standard_normal()
@@ -51,7 +51,10 @@ class TrueFinger:
         found = Kernel([made], law).solve(pulls)
         tips = found.tip_mm[0] + camera + 0.3 * self._rng.standard_normal((len(PULLS), 2))
         tips[::2] += ripple
-        tensions = gain * found.tension_n[0, :, 0] * (1.0 + 0.02 * self._rng.standard_normal(len(PULLS)))
+        tips[:slack] = tips[slack]
+        kept = gain * (1.0 - relaxed * np.linspace(0.2, 1.8, len(PULLS)))
+        kept[:slack] = 0.0
+        tensions = kept * found.tension_n[0, :, 0] * (1.0 + 0.02 * self._rng.standard_normal(len(PULLS)))
         return tuple(
             ClosingInstant(0, float(p), tip, float(n), float(expected))
             for p, tip, n, expected in zip(PULLS, tips, tensions, self._predicted_n, strict=True)
@@ -82,6 +85,8 @@ CHANGES = {
     "camera": ({"camera": (1.4, -1.4)}, {Cause.CAMERA}, WearVerdict.RECALIBRATE),
     "softer": ({"stiffness": 0.85}, {Cause.STIFFNESS, Cause.TENSION_GAIN}, None),
     "stronger motor": ({"gain": 1.12}, {Cause.STIFFNESS, Cause.TENSION_GAIN}, None),
+    "strips that creep more": ({"relaxed": 0.12}, {Cause.STIFFNESS}, WearVerdict.WATCH),
+    "strips that stay bent": ({"relaxed": 0.12, "slack": 2}, {Cause.STIFFNESS}, WearVerdict.WATCH),
     "a wavy picture": ({"ripple": 4.0}, {Cause.NONE_OF_THESE}, WearVerdict.WATCH),
 }
 
@@ -199,6 +204,19 @@ def test_how_a_closing_was_made_counts(profiles: dict[str, Profile]) -> None:
     watch.add_closing(finger.close(), ClosingConditions(6.0, 12.0, 20.0))
     assert watch.diagnosis.causes == (Cause.CONDITIONS,)
     assert watch.judge()[0] is WearVerdict.OK
+
+
+def test_a_slow_closing_that_fits_nothing_is_asked_for_again(profiles: dict[str, Profile]) -> None:
+    """What a new speed does to a finger is not known: only a usual closing shows that something else has happened."""
+    finger, watch = settled(profiles)
+    for _ in range(3):
+        watch.add_closing(finger.close(ripple=4.0), dataclasses.replace(USUAL, speed_mm_per_s=6.0))
+    assert watch.diagnosis.causes == (Cause.CONDITIONS,)
+    verdict, why = watch.judge()
+    assert verdict is WearVerdict.WATCH
+    assert "6.0 mm/s beside 16.0 to 16.0: close at the usual speed" in why
+    watch.add_closing(finger.close(ripple=4.0), USUAL)
+    assert watch.diagnosis.causes == (Cause.NONE_OF_THESE,)
 
 
 def test_instants_make_closings(profiles: dict[str, Profile]) -> None:

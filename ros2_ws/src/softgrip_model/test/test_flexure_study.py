@@ -26,6 +26,7 @@ def study() -> ModuleType:
         sys.path.remove(str(FOLDER))
 
 
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_the_fit_gives_the_constants(study: ModuleType) -> None:
     """From its own start; what is shipped is rounded to three digits."""
@@ -39,7 +40,7 @@ def test_no_finger_of_calculix_is_fitted_to(study: ModuleType) -> None:
     assert not seeds & {one.seed for one in closings()}
 
 
-@pytest.mark.parametrize("seed", [2003, 2007, 3005])
+@pytest.mark.parametrize("seed", [pytest.param(2003, marks=pytest.mark.long), 2007, 3005])
 def test_the_mesh_closes_as_calculix_does(study: ModuleType, seed: int) -> None:
     """At the same tensions; the first and the last of them are the furthest off within the bounds and of the others."""
     (one,) = (one for one in closings() if one.seed == seed)
@@ -48,6 +49,7 @@ def test_the_mesh_closes_as_calculix_does(study: ModuleType, seed: int) -> None:
     assert tip_mm < 0.0025 * one.finger.length_from_joint_mm
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [FITTED_SEEDS[0], FITTED_OTHER_SEEDS[0]])
 def test_the_studys_fingers_are_the_meshes(study: ModuleType, seed: int) -> None:
     with np.load(study.STUDY_FILE) as fitted:

@@ -60,6 +60,8 @@ WATCHED = dataclasses.replace(STATED, room_mm=0.0, room_share=0.0, scatter_mm=0.
 _MIN_CALM = 4
 #: [mm] beyond all closings before from which a finger runs in.
 _FURTHER_MM = 0.5
+#: Share of the expected tension below which a tendon is slack, and taut samples without which slack ones count, too.
+_SLACK, _MIN_TAUT = 0.1, 6
 
 
 @dataclass(frozen=True)
@@ -160,22 +162,25 @@ class _Residual:
         value: (3 K,), tips x and y one after the other, then tensions.
         wandering: (3 K, 3) slopes to the pull [mm], the stiffness and the friction [1]: these differ a little from
             closing to closing.
+        slack: samples before the tendon became taut.
     """
 
     pulled_mm: Array
     tension_n: Array
     value: Array
     wandering: Array
+    slack: int
 
     @property
     def samples(self) -> int:
         """K."""
         return len(self.tension_n)
 
-    def shortened(self, samples: int) -> _Residual:
-        """Return that of the first so many samples."""
-        rows = [*range(2 * samples), *range(2 * self.samples, 2 * self.samples + samples)]
-        return _Residual(self.pulled_mm[:samples], self.tension_n[:samples], self.value[rows], self.wandering[rows])
+    def between(self, first: int, end: int) -> _Residual:
+        """Return that of some of the samples."""
+        tips = 2 * self.samples
+        rows, part = [*range(2 * first, 2 * end), *range(tips + first, tips + end)], slice(first, end)
+        return _Residual(self.pulled_mm[part], self.tension_n[part], self.value[rows], self.wandering[rows], 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,22 +295,25 @@ class CauseWatch:
         weighed = sorted((self._in_the_hand(one) for one in found.weighed), key=lambda one: -one.log_ratio)
         if not weighed or weighed[0].log_ratio < settings.limit:
             if found.misfit > settings.misfit_limit:
-                return Diagnosis(
-                    (Explanation(Cause.NONE_OF_THESE, 0.5 * found.beyond_chance, "", found.misfit),), found.misfit
-                )
-            unusual = self._unusual(self._latest[-1][1]) if self._latest else ""
+                return self._unexplained(0.5 * found.beyond_chance, "", found.misfit)
+            unusual = self._now_unusual()
             return Diagnosis((Explanation(Cause.CONDITIONS, 0.0, unusual, 0.0),)) if unusual else Diagnosis()
         best = weighed[0]
         misfit = found.misfit_of(best.remaining)
         if misfit > max(settings.misfit_limit, settings.misfit_share * found.misfit):
-            near = f"(nearest: {best.hypothesis.cause} {best.words})"
-            return Diagnosis((Explanation(Cause.NONE_OF_THESE, best.log_ratio, near, misfit),), misfit)
+            return self._unexplained(best.log_ratio, f"(nearest: {best.hypothesis.cause} {best.words})", misfit)
         named: dict[Cause, Explanation] = {}
         for one in weighed:
             if one.log_ratio > best.log_ratio - settings.margin:
                 cause = one.hypothesis.cause
                 named.setdefault(cause, Explanation(cause, one.log_ratio, one.words, float(one.amounts[0])))
         return Diagnosis(tuple(named.values()), misfit)
+
+    def _unexplained(self, log_ratio: float, words: str, misfit: float) -> Diagnosis:
+        """Return a change that no cause fits: a finger closed as never before may close in a way never seen."""
+        unusual = self._now_unusual()
+        cause = Cause.CONDITIONS if unusual else Cause.NONE_OF_THESE
+        return Diagnosis((Explanation(cause, log_ratio, unusual or words, misfit),), misfit)
 
     @property
     def softening(self) -> Softening | None:
@@ -381,18 +389,24 @@ class CauseWatch:
             [causes.zero, causes.factor + 1, causes.factor],
             [prior.zero_mm, prior.stiffness, prior.friction],
         )
+        tension_n = np.array([sample.tension_n for sample in closing])
+        taut = np.flatnonzero(tension_n > _SLACK * expected.value[2 * len(closing) :])
         return _Residual(
             np.array([sample.pulled_mm for sample in closing]),
             np.array([sample.predicted_n for sample in closing]),
             measured(closing) - expected.value,
             expected.slope[:, places] / np.array(units),
+            int(taut[0]) if len(taut) else 0,
         )
 
     def _weigh(self) -> _Found:
         """Weigh all causes by whichever has changed most: the last closing, the last two or all of the window."""
         latest = [one for one, _ in self._latest]
-        samples = min(one.samples for one in (*latest, *self._calm))
-        calm, latest = ([one.shortened(samples) for one in each] for each in (self._calm, latest))
+        end = min(one.samples for one in (*latest, *self._calm))
+        # a slack tendon shows how the finger rests, not how it closes
+        taut = max(one.slack for one in latest)
+        first = taut if end - taut >= _MIN_TAUT else 0
+        calm, latest = ([one.between(first, end) for one in each] for each in (self._calm, latest))
         usual, newest = _Scatter.of(calm), latest[-1]
         own = OwnClosing(self._causes, self._reference.mean, newest.pulled_mm, newest.tension_n, usual.mean)
         softening, windows = self._softening(), []
@@ -407,6 +421,10 @@ class CauseWatch:
         weighed = [weigh(one, residual, root, self._settings.model_errors) for one in causes]
         return _Found(tuple(one for one in weighed if one is not None), squared, len(residual))
 
+    def _now_unusual(self) -> str:
+        """Return `_unusual` of the latest closing."""
+        return self._unusual(self._latest[-1][1]) if self._latest else ""
+
     def _unusual(self, conditions: ClosingConditions) -> str:
         """Return what of a closing's speed and rest is outside the usual, in words; empty: nothing."""
         factor = self._settings.conditions_factor
@@ -420,7 +438,7 @@ class CauseWatch:
     def _softening(self) -> tuple[Cause, float]:
         """Return what a common change of the moduli is, by how the last closing was made, and its log odds."""
         conditions, expected = self._latest[-1][1], self._settings.expected_odds
-        if self._unusual(conditions):
+        if self._now_unusual():
             return Cause.CONDITIONS, expected
         if self._ran_in:
             return Cause.RUNNING_IN, expected

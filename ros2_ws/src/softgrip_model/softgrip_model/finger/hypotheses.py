@@ -49,6 +49,8 @@ class Cause(StrEnum):
 _FRICTION_SD, _STIFFNESS_SD, _STRIP_SD, _GAIN_SD = 0.25, 0.10, 0.30, 0.10
 _ZERO_SD_MM, _CABLE_SD_MM_PER_N = 0.6, 0.10
 _CAMERA_SD = (1.0, 1.0, 0.01, 0.015)  # x, y [mm], scale, turn [rad]
+# softer as one; from a closing's middle to its end; share of the mean tension that is missing all along
+_RELAXED_SD = (_STIFFNESS_SD, 0.05, 0.05)
 _PLANE_SD = 0.03  # share that y is foreshortened by: 14 degrees
 
 #: Gauss-Newton steps for a cause's amounts, and the change [prior deviations] at which they have settled.
@@ -199,6 +201,7 @@ def hypotheses(own: OwnClosing, softening: Cause, softening_odds: float) -> list
             certain=in_proportion.effect,
             log_odds=softening_odds,
         ),
+        _relaxed(own, learnt(causes.factor + 1, causes.prior.stiffness), softening, softening_odds),
         of(
             Cause.ZERO,
             _ZERO_SD_MM,
@@ -261,6 +264,25 @@ def proportional(own: OwnClosing, softening: Cause, log_odds: float) -> Hypothes
         return np.asarray(change * amounts[0])
 
     return Hypothesis(softening, np.array([_STIFFNESS_SD]), effect, certain=effect, log_odds=log_odds)
+
+
+def _relaxed(own: OwnClosing, softer: Callable[[float], Array | None], softening: Cause, log_odds: float) -> Hypothesis:
+    """Return strips that relax more or less than usual.
+
+    They are softer as one, the more the longer the closing has lasted, and bent already at its begin by what has not
+    recovered since the last one: no material's law is needed for that.
+    """
+    tips = 2 * len(own.pulled_mm)
+    tension_n = own.value[tips:]
+    drift, offset = np.zeros((2, len(own.value)))
+    drift[tips:] = tension_n * np.linspace(-1.0, 1.0, len(tension_n))
+    offset[tips:] = tension_n.mean()
+
+    def effect(amounts: Array) -> Array | None:
+        changed = softer(float(amounts[0]))
+        return None if changed is None else changed + drift * amounts[1] + offset * amounts[2]
+
+    return Hypothesis(softening, np.array(_RELAXED_SD), effect, log_odds=log_odds)
 
 
 def _read_differently(own: OwnClosing) -> Iterator[Hypothesis]:
