@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,6 +34,21 @@ END_S = 30.0
 SLOTS = ("index", "middle", "thumb")
 FINGER_SET = "power"
 PRODUCTS = ("egg", "orange", "muffin", "apple", "")
+#: A bench's cell file; the emulated servos answer later than real ones.
+BENCH = """
+schema: 1
+hardware: real
+servos:
+  port: WIRES/servos
+  chain:
+    - {tendon: index, model: XL330-M288, id: 1, direction: 1}
+    - {tendon: middle, model: XL330-M288, id: 2, direction: 1}
+    - {tendon: thumb, model: XL330-M288, id: 3, direction: 1}
+rig: {stage: {kind: mark10, port: WIRES/stand}, gauge: {kind: gcl2, port: WIRES/gauge}}
+camera: {source: "@WIRES/camera.url", calibration: WIRES/camera_calibration.yaml}
+parameters:
+  tendon_driver: {reply_margin_s: 0.1, no_reply_s: 5.0, bus_watchdog_s: 0.0, loop_rate: 50.0}
+"""
 CABLE_RADIUS_M, SURFACE_RADIUS_M = 0.000125, 0.003
 
 
@@ -64,6 +80,37 @@ def cell(
             launch.wait(END_S)
             if output is not None:
                 output.close()
+
+
+@contextmanager
+def bench(domain: str, *, log: Path | None = None) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the launch file for real hardware, in real time, over the wires of an emulated cell in the next domain."""
+    with tempfile.TemporaryDirectory() as folder:
+        wires = Path(folder) / "wires"
+        devices = subprocess.Popen(
+            ["ros2", "run", "softgrip_emulator", "emulated_cell", "--ros-args", "-p", f"wire_dir:={wires}"],
+            env={
+                **os.environ,
+                "ROS_DOMAIN_ID": str(int(domain) + 1),
+                "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            },
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        try:
+            end = time.monotonic() + START_S
+            while not (wires / "camera.url").exists():
+                if time.monotonic() > end or devices.poll() is not None:
+                    raise TimeoutError(f"expected an emulated cell with its wires in {wires}, found none")
+                time.sleep(0.1)
+            file = Path(folder) / "cell.yaml"
+            file.write_text(BENCH.replace("WIRES", str(wires)), encoding="utf-8")
+            with cell(domain, f"cell_file:={file}", log=log) as launch:
+                yield launch
+        finally:
+            devices.send_signal(signal.SIGINT)
+            devices.wait(END_S)
 
 
 def cell_time_s(launch: subprocess.Popen[bytes]) -> float:

@@ -4,7 +4,8 @@
 A stranger who knows only the interface texts sends them over Zenoh (`_hostile`): values that nobody would send, cut
 and mutated messages, garbage, tokens of nodes that cannot be. Counted: processes that ended, and how much memory the
 one that grew most takes in the end. The note says for how long tendon/state stopped at most, by the driver's own
-stamps, with and without the stranger.
+stamps, with and without the stranger. The emulated cell's time waits for whichever node the stranger keeps busy, so
+there tendon/state stops, too; ``--real`` says what it does where time waits for nobody.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any
 
 import zenoh
 from _hostile import Generator, Input, Stranger, open_client
-from _live_cell import START_S, cell
+from _live_cell import START_S, bench, cell
 
 from embedded_ros import wire
 from embedded_ros.wire import Entity, EntityKind
@@ -42,8 +43,9 @@ LOOK_S = 0.5
 #: Inputs of one session; then the stranger leaves in the middle of everything and comes back.
 SESSION_INPUTS = 5_000
 GOAL_ENDED, GOAL_GROWTH_MB = 0, 50.0
+EMULATOR = "emulated_cell"
 NODES = (
-    "emulated_cell", "recorder", "tendon_driver", "friction_rig", "kinematics_predictor", "gdfe_simulator", "camera",
+    EMULATOR, "recorder", "tendon_driver", "friction_rig", "kinematics_predictor", "gdfe_simulator", "camera",
     "marker_tracker", "grasp_mix_manager",
 )  # fmt: skip
 MIB = 1 << 20
@@ -173,12 +175,12 @@ def attack(stranger: Stranger, generator: Generator, watch: Watch, count: int, r
     return count / (time.monotonic() - started)
 
 
-def wait_for_nodes(session: int) -> None:
+def wait_for_nodes(session: int, nodes: set[str]) -> None:
     """Wait until every node runs and has come to rest."""
     end = time.monotonic() + START_S
-    while not set(NODES) <= node_processes(session).keys():
+    while not nodes <= node_processes(session).keys():
         if time.monotonic() > end:
-            raise TimeoutError(f"expected {NODES}, found {sorted(node_processes(session))}")
+            raise TimeoutError(f"expected {sorted(nodes)}, found {sorted(node_processes(session))}")
         time.sleep(0.1)
     time.sleep(SETTLE_S)
 
@@ -191,13 +193,16 @@ def main() -> None:
         "--rate", type=float, default=RATE, help="inputs a second, 0 = all it can (default %(default)s)"
     )
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--real", action="store_true", help="hardware:=real over the wires of an emulated cell: drives in real time"
+    )
     parser.add_argument("--baseline", type=float, default=BASELINE_S, help="[s] without the stranger")
     parser.add_argument("--log", type=Path, help="file for what the cell says")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         log = arguments.log or Path(folder) / "cell.log"
-        with cell(str(DOMAIN), log=log) as launch:
-            wait_for_nodes(launch.pid)
+        with (bench if arguments.real else cell)(str(DOMAIN), log=log) as launch:
+            wait_for_nodes(launch.pid, set(NODES) - ({EMULATOR} if arguments.real else set()))
             stranger = Stranger(DOMAIN)
             try:
                 run(stranger, launch.pid, arguments, log)

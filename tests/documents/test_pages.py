@@ -125,7 +125,7 @@ def test_beside_a_cell_a_page_types_what_another_terminal_shows(
 ) -> None:
     page = tmp_path / "page.md"
     page.write_text(
-        "<!-- background: token -->\n```sh\necho token: 1a2b; sleep 60\n```\n\n"
+        "<!-- background: token -->\n```sh\necho token: 1a2b; sleep 5\n```\n\n"
         "<!-- stands: eins for one -->\n\n"
         "<!-- cell: 0f2c from token: (\\w+) -->\n```sh\necho 0f2c one $ROS_DOMAIN_ID $OTHER_DOMAIN\n```\n\n"
         "<!-- output -->\n```text\n1a2b eins 7 107\n```\n\n"

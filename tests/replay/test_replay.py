@@ -62,7 +62,11 @@ def test_the_node_says_what_it_said(bag: str) -> None:
 
 @pytest.mark.parametrize(
     ("bag", "topic"),
-    [("closings", "/finger/residual"), ("closings", "/finger/predicted"), ("grasps", "/cell/state")],
+    [
+        ("closings", "/finger/residual"),
+        pytest.param("closings", "/finger/predicted", marks=pytest.mark.long),
+        ("grasps", "/cell/state"),
+    ],
 )
 def test_a_topic_on_which_the_node_says_nothing_any_more_differs(
     bag: str, topic: str, monkeypatch: pytest.MonkeyPatch

@@ -31,6 +31,7 @@ def test_words_are_found_in_any_spelling_of_an_identifier(identifier: str, word:
     assert vocabulary.forbidden_word(identifier) == word
 
 
+@pytest.mark.long
 def test_the_workspace_breaks_no_rule_and_the_pending_list_is_up_to_date() -> None:
     problems, known = vocabulary.found_problems(), vocabulary.pending()
     assert sorted(set(problems) - known) == []

@@ -113,10 +113,10 @@ def test_repair_of_a_file_with_a_bomb_keeps_the_rest(tmp_path: Path) -> None:
     assert [message.topic for message in read(folder)] == ["/a"]
 
 
-def test_a_million_small_records_are_not_held_at_once(tmp_path: Path) -> None:
+def test_many_small_records_are_not_held_at_once(tmp_path: Path) -> None:
     """As messages they would take a hundred times their bytes together."""
     one = record(Message(channel_id=1, sequence=0, log_time=1, publish_time=1, data=b""))
-    inside = one * 200_000
+    inside = one * 50_000
     path = tmp_path / "small.mcap"
     path.write_bytes(MAGIC + record(Header("ros2", "x"), chunk(zstandard.compress(inside), len(inside))))
     found = records(path)
@@ -127,4 +127,4 @@ def test_a_million_small_records_are_not_held_at_once(tmp_path: Path) -> None:
         assert tracemalloc.get_traced_memory()[1] < 4 * len(inside)
     finally:
         tracemalloc.stop()
-    assert count == 200_000
+    assert count == 50_000

@@ -56,7 +56,7 @@ def world(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     made.close()
 
 
-@pytest.mark.parametrize("model", ["XL330-M288", "STS3215"])
+@pytest.mark.parametrize("model", ["XL330-M288", pytest.param("STS3215", marks=pytest.mark.long)])
 def test_a_reversed_spool_is_named_and_nothing_is_homed(tmp_path: Path, world: Any, model: str) -> None:
     bench = Spools(tmp_path, world, (1, -1, 1), model)
     figures = list(bench.step.measure())

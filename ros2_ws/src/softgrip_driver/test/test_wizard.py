@@ -166,6 +166,7 @@ def test_it_goes_on_where_it_was_left(fresh):
     assert once_more.questions == ["camera", "stage"]  # what the bench has not got
 
 
+@pytest.mark.long
 def test_feetech_servos_are_led_the_same_way(fresh):
     bench = fresh(model="STS3215")
     hands = Hands(bench.plant)

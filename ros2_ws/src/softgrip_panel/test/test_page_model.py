@@ -1004,7 +1004,7 @@ def test_a_disk_that_takes_no_order_list_is_said_and_ends_no_run(tmp_path: Path,
     assert "order list: expected to write" in run.problem
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_eight_hours_leave_the_model_as_large_as_the_first_three_did(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(Path(__file__).parent)  # benchmarks/driver/panel_memory.py plays the same cell
     busy_cell = importlib.import_module("busy_cell")
