@@ -111,11 +111,13 @@ class Launched:
         for process in session_processes(self.process.pid):
             with contextlib.suppress(ProcessLookupError):  # the end of one is the end of others
                 os.kill(process, signal.SIGKILL)
+        self.process.wait(30.0)
+        self._reader.join(30.0)
 
     def _read(self) -> None:
         assert self.process.stdout is not None
-        with self._log.open("w") as log:
-            for line in self.process.stdout:
+        with self._log.open("w") as log, self.process.stdout as output:
+            for line in output:
                 self._lines.append(line)
                 log.write(line)
                 log.flush()

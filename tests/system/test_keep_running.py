@@ -37,7 +37,8 @@ def start(*command: str) -> subprocess.Popen[str]:
 
 @pytest.mark.parametrize("code", [0, 1, 2, 127])
 def test_a_node_that_refuses_the_first_start_ends_the_keeper_with_its_code(code: int) -> None:
-    assert start("/bin/sh", "-c", f"exit {code}").wait(20.0) == code
+    with start("/bin/sh", "-c", f"exit {code}") as keeper:
+        assert keeper.wait(20.0) == code
 
 
 def test_a_killed_node_is_started_again_and_a_signal_ends_both() -> None:
