@@ -32,6 +32,8 @@ from softgrip_driver.rig.line_port import LinePort
 
 #: [s] for an answer: the simulator is a thread of a busy machine
 REPLY_S, BOOT_S, ARRIVES_S = 30.0, 60.0, 120.0
+#: [s] after which a setting is in the simulator's file: it says ok before
+SAVED_S = 2.0
 NEAR_M = 3e-5
 SPEED_M_S = 0.005
 
@@ -91,6 +93,7 @@ class Core:
                     raise SystemExit(f"${number}={value:g}: {answer!r}")
                 answer = port.read_line(REPLY_S)
         port.close()
+        time.sleep(SAVED_S)
         self.stop()
 
     def open(self, start: StageStart = StageStart.REFUSE) -> tuple[GrblStage, Any]:
