@@ -232,7 +232,7 @@ def open_client(domain: int) -> zenoh.Session:
     configuration = zenoh.Config()
     configuration.insert_json5("mode", '"client"')
     configuration.insert_json5("connect/endpoints", f'["tcp/localhost:{router_port(domain)}"]')
-    # a router that is busy with what the stranger sent before may not take the first attempt
+    # a busy computer's router may take its time; one that stands still is an error
     configuration.insert_json5("connect/timeout_ms", "30000")
     configuration.insert_json5("scouting/multicast/enabled", "false")
     return zenoh.open(configuration)

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -52,6 +52,12 @@ parameters:
 CABLE_RADIUS_M, SURFACE_RADIUS_M = 0.000125, 0.003
 
 
+def _in_domain(domain: str, environment: Mapping[str, str]) -> dict[str, str]:
+    """Return an environment of a ROS domain in which the commands of this Python's folder are found."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return {**environment, "ROS_DOMAIN_ID": domain, "PATH": path}
+
+
 @contextmanager
 def cell(
     domain: str, *arguments: str, environment: dict[str, str] | None = None, log: Path | None = None
@@ -64,11 +70,7 @@ def cell(
                 *("ros2", "launch", "softgrip_bringup", "cell.launch.yaml"),
                 *(f"out:={folder}/out", f"wire_dir:={folder}/w", *arguments),
             ],
-            env={
-                **(environment or os.environ),
-                "ROS_DOMAIN_ID": domain,
-                "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-            },
+            env=_in_domain(domain, environment or os.environ),
             stdout=output or subprocess.DEVNULL,
             stderr=subprocess.STDOUT if output else subprocess.DEVNULL,
             start_new_session=True,
@@ -89,11 +91,7 @@ def bench(domain: str, *, log: Path | None = None) -> Iterator[subprocess.Popen[
         wires = Path(folder) / "wires"
         devices = subprocess.Popen(
             ["ros2", "run", "softgrip_emulator", "emulated_cell", "--ros-args", "-p", f"wire_dir:={wires}"],
-            env={
-                **os.environ,
-                "ROS_DOMAIN_ID": str(int(domain) + 1),
-                "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
-            },
+            env=_in_domain(str(int(domain) + 1), os.environ),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,

@@ -238,7 +238,13 @@ def run(stranger: Stranger, session: int, arguments: argparse.Namespace, log: Pa
     )
     ended = ", ".join(watch.ended) or "none"
     claim(
-        "processes ended", len(watch.ended), "", better="lower", goal=GOAL_ENDED, runs=1, note=f"{ended} of 9; {note}"
+        "processes ended",
+        len(watch.ended),
+        "",
+        better="lower",
+        goal=GOAL_ENDED,
+        runs=1,
+        note=f"{ended} of {len(watch.peak)}; {note}",
     )
     worst = max(growth, key=lambda name: growth[name])
     shares = ", ".join(

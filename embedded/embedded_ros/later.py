@@ -42,7 +42,7 @@ class Callback:
 
 
 class Later:
-    """Makes calls in their order: at once, or on a thread of its own when the caller is in a callback of Zenoh."""
+    """Makes a call at once; when the caller is in a callback of Zenoh on a thread of its own, in the order of these."""
 
     def __init__(self) -> None:
         self._waiting: queue.Queue[Callable[[], None]] = queue.Queue(_MAX_WAITING)
