@@ -36,7 +36,7 @@ class Run:
 
     def let_out(self) -> list[MotionStep]:
         steps = [self.step()]
-        while self.homing._phase is _Phase.LET_OUT:
+        while self.homing._phase is _Phase.LET_OUT and steps[-1].outcome is None:
             steps.append(self.step())
         return steps
 
@@ -46,6 +46,18 @@ class Run:
         began = self.length
         while self.length < began + way:
             self.step(0.2, 0.01)
+
+    def take_up(self, taut: float, pause: float = 0.0) -> MotionStep:
+        """Let out, and wind in until a tendon of 1 N/mm that is taut there [m] holds; a pause [s] 1 mm before."""
+        step = self.let_out()[-1]
+        paused = False
+        while self.homing._phase is _Phase.TAKE_UP and step.outcome is None:
+            if not paused and self.length > taut - 0.001:
+                self.now, paused = self.now + pause, True
+            force = 0.2 + 1000.0 * max(0.0, self.length - taut)
+            held = force > 1.5
+            step = self.step(min(force, 1.5), 0.0 if held else 0.01, obeys=not held)
+        return step
 
 
 def test_it_lets_out_until_slack_with_the_holding_tension_and_no_faster_than_a_release() -> None:
@@ -97,6 +109,35 @@ def test_no_more_than_a_zero_is_right_to_is_wound_in_unseen(share: float, begins
     assert (run.homing._samples == []) is begins_again
     if begins_again:
         assert min(step.pulled_length_m for step in run.let_out()) == pytest.approx(-LIMITS.slack_travel)
+
+
+def test_a_knee_beside_a_pause_is_taken_once_a_second_take_up_agrees() -> None:
+    run = Run()
+    run.take_up(0.004, pause=0.05)
+    assert run.homing.zero is None
+    run.take_up(0.0045, pause=0.05)  # as if the pause had hidden half a millimetre
+    assert run.homing.zero is None
+    run.take_up(0.0046, pause=0.05)
+    assert run.homing.zero == pytest.approx(0.0046, abs=1e-4)
+
+
+@pytest.mark.parametrize(("pause", "at_once"), [(0.02, True), (0.03, False)])
+def test_a_pause_that_hides_less_than_three_tenths_of_a_millimetre_costs_nothing(pause: float, at_once: bool) -> None:
+    run = Run()
+    run.take_up(0.004, pause)
+    assert (run.homing.zero is not None) is at_once
+    if not at_once:
+        run.take_up(0.004)  # this one is seen well
+    assert run.homing.zero == pytest.approx(0.004, abs=1e-4)
+
+
+def test_knees_that_never_agree_are_a_fault_that_says_how_long_the_pauses_were() -> None:
+    run = Run()
+    seen = [run.take_up(0.004 + 0.0005 * (number % 2), pause=0.05) for number in range(6)]
+    assert seen[0].outcome is None
+    step = next(step for step in seen if step.outcome is MoveOutcome.FAULT)
+    assert step.fault == "homing_interrupted"
+    assert "silent for up to 55 ms in each take-up; at 10.0 mm/s 30 ms show where a tendon becomes taut" in step.reason
 
 
 def test_a_silence_while_it_lets_out_or_gets_up_to_speed_costs_nothing() -> None:

@@ -19,7 +19,10 @@ from softgrip_driver.tendon.motions import DriveObservation, MotionStep, MoveOut
 PERIOD = 0.01  # [s]
 STEP = 0.001  # [s]
 CAUGHT_UP = 0.001  # [s] to the next cycle, after one that was late
-SHORTEST, LONGEST = 0.02, 0.5  # [s] of a silence
+SILENCES = 0.02, 0.5  # [s] of a silence: shortest, longest
+UNSEEN = 0.01, 0.1  # [s] of silences that are none too long at 10 mm/s
+#: seeds of 20 such servos in 12,000 have a zero more than 1 mm wrong where one take-up is believed; ten of them
+MISLEADING = (895, 2033, 2057, 2596, 3114, 3838, 5060, 5169, 5353, 6836)
 SPEED_COUNT = 0.229 * 2.0 * math.pi / 60.0 * 0.010  # [m/s] that a servo counts its speed in, on a spool of 10 mm
 SPEEDS = (0.0046, 0.010, 0.014)
 
@@ -33,13 +36,14 @@ class Servo:
     Args:
         dice: of the silences and of what the servo is like.
         speed: of homing [m/s].
+        silences: the shortest and the longest [s].
     """
 
     POSITION_GAIN = 12e3  # [N/m]: 1.84 mN m a pulse (e-manual, items 80 to 84)
     BACK_EMF = 375.0  # [N s/m]: 0.354 N m/A 0.36 V s / 3.4 ohm
 
-    def __init__(self, dice, speed):
-        self._dice = dice
+    def __init__(self, dice, speed, silences=SILENCES):
+        self._dice, self._range = dice, silences
         # [kg]; 0.0012 and 0.0019 kg m^2: docs/emulator.md. The latter goes 2.7 mm on into a tendon of 0.5 N/mm at
         # 14 mm/s, and is up to 1.5 mm wrong there with no silence at all.
         self._mass = dice.choice([1.5, 12.0, 19.0] if speed <= 0.010 else [1.5, 12.0])
@@ -59,7 +63,7 @@ class Servo:
         """Silences [s], and up to three periods between two of them."""
         silences = []
         for _ in range(self._dice.randint(1, 5)):
-            silences += [self._dice.uniform(SHORTEST, LONGEST), *[0.0] * self._dice.randint(0, 3)]
+            silences += [self._dice.uniform(*self._range), *[0.0] * self._dice.randint(0, 3)]
         return silences
 
     def home(self):
@@ -121,3 +125,10 @@ def test_a_zero_beside_silences_is_right_or_a_fault(speed, block):
     assert wrong == []
     assert faults <= {"homing_interrupted"}
     assert found >= 35
+
+
+@pytest.mark.parametrize("seed", MISLEADING)
+def test_a_knee_beside_silences_that_are_none_too_long_is_right_or_a_fault(seed):
+    servo = Servo(random.Random(f"0.01 {seed} x"), 0.010, UNSEEN)
+    _, zero = servo.home()
+    assert zero is None or abs(zero - servo.taut) < ZERO_ACCURACY

@@ -10,8 +10,8 @@ That goes for short pauses. What happens in a long one nobody sees: the goal sta
 hold, which passes for a taut tendon, and gets going with a jerk, which passes for a knee. The tendon winds in by speed
 times silence unseen, so this must stay below what a zero is right to: `ZERO_ACCURACY`. After a longer silence all that
 the take-up showed is forgotten; it begins again from slack, `TRIES` times in all, and then the fault names the silence.
-Two knees that agree would be the other way. But both may lie in a pause of the same program, and who pauses not at all
-would pay for the second. Silence itself is seen for certain: between any two readings the clock tells how long it was.
+Silence itself is seen for certain: between any two readings the clock tells how long it was. A knee beside a pause that
+is shorter than that, but hides a good part of it (`SEEN`), is a guess: it is taken once a second take-up agrees.
 What has to last (standing, going evenly) is counted by what was seen: a step counts for two periods at most.
 """
 
@@ -43,6 +43,8 @@ ROUNDS = 4
 USUAL = 0.05
 #: [m] that a zero is right to: no more may be wound in between two readings
 ZERO_ACCURACY = 1e-3
+#: share of it that may be wound in unseen while a knee is taken at once, and by which two knees agree
+SEEN = 0.3
 
 Array = NDArray[np.float64]
 
@@ -131,6 +133,10 @@ class Homing:
         self._steady = False
         self._again = self.AGAIN
         self._tries = self.TRIES
+        #: [s] of the longest silence of this take-up
+        self._longest = 0.0
+        #: [m] a knee that a second one has to agree with
+        self._guess: float | None = None
         #: [s] when it was heard last
         self._heard = view.now
         #: of the last take-up that was spoiled, in words
@@ -142,8 +148,10 @@ class Homing:
         """Advance."""
         limits = self._limits
         silent, self._heard = view.now - self._heard, view.now
-        if self._is_seeking(view) and silent > self.max_silence:
-            return self._begin_again_after(silent, view)
+        if self._is_seeking(view):
+            self._longest = max(self._longest, silent)
+            if silent > self.max_silence:
+                return self._begin_again_after(silent, view)
         if view.now - self._started > limits.homing_timeout:
             if self._silence:
                 return self._interrupted(view)
@@ -169,19 +177,21 @@ class Homing:
 
     def _begin_again_after(self, silent: float, view: DriveObservation) -> MotionStep:
         """Forget what the take-up showed and begin from slack, or give up where that was tried often enough."""
-        self._tries -= 1
         self._silence = (
             f"the bus was silent for {silent * 1e3:.0f} ms at {view.pulled_length_m * 1e3:.1f} mm; "
             f"at {self._limits.homing_speed * 1e3:.1f} mm/s no more than {self.max_silence * 1e3:.0f} ms are allowed"
         )
-        if self._tries == 0:
-            return self._interrupted(view)
-        return self._begin_again(view)
+        return self._try_again(view)
+
+    def _try_again(self, view: DriveObservation) -> MotionStep:
+        self._tries -= 1
+        return self._begin_again(view) if self._tries else self._interrupted(view)
 
     def _begin_again(self, view: DriveObservation) -> MotionStep:
         self._phase, self._profile = _Phase.LET_OUT, SpeedProfile(view.pulled_length_m)
         self._standing = _Lasting()
         self._samples.clear()
+        self._longest = 0.0
         return MotionStep(view.pulled_length_m, self._limits.homing_tension)
 
     def _let_out(self, view: DriveObservation) -> MotionStep:
@@ -248,6 +258,8 @@ class Homing:
         """Take the knee for the zero; where the samples do not show it, begin again from further out."""
         found = knee(self._samples, view.pulled_length_m)
         if found is not None and self._shows(found):
+            if not self._is_sure_of(found):
+                return self._try_again(view)
             self.zero = found
             self._phase, self._profile = _Phase.GO_TO_ZERO, SpeedProfile(view.pulled_length_m)
             return MotionStep(view.pulled_length_m, self._limits.homing_tension)
@@ -258,6 +270,18 @@ class Homing:
             self._start, view.pulled_length_m - self._limits.slack_travel / 2.0 if found is None else found
         )
         return self._begin_again(view)
+
+    def _is_sure_of(self, found: float) -> bool:
+        """Whether that knee [m] was seen well, or agrees with the one before; else it is kept for the next."""
+        if self._longest <= SEEN * self.max_silence:
+            return True
+        before, self._guess = self._guess, found
+        self._silence = (
+            f"the bus was silent for up to {self._longest * 1e3:.0f} ms in each take-up; at "
+            f"{self._limits.homing_speed * 1e3:.1f} mm/s {SEEN * self.max_silence * 1e3:.0f} ms show where a tendon "
+            "becomes taut"
+        )
+        return before is not None and abs(found - before) <= SEEN * ZERO_ACCURACY
 
     def _go_to_zero(self, view: DriveObservation) -> MotionStep:
         assert self.zero is not None
