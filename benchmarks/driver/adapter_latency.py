@@ -24,7 +24,7 @@ from softgrip_driver.tendon.motions import MoveOutcome
 from softgrip_testing.benchmark_claim import claim, no_options
 from softgrip_testing.scripts import load_script
 
-SERVOS = (3, 5, 7, 9)
+SERVOS = range(3, 10)
 LATENCIES_S = (0.001, 0.002, 0.004, 0.008, 0.016)
 RATE_HZ = 100.0
 SECONDS = 2.0

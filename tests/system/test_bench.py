@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 pytest.importorskip("rosbags")
 from rosbags.highlevel import AnyReader
@@ -26,6 +27,7 @@ parameters:
     {reply_margin_s: 0.1, no_reply_s: 5.0, bus_watchdog_s: 0.0, homing_timeout_s: 60.0, loop_rate: 50.0}
 """
 
+SETTINGS = Path(__file__).parents[2] / "ros2_ws/src/softgrip_bringup/settings"
 TENDONS = ("index", "middle", "thumb")
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -33,11 +35,11 @@ Launch = Callable[..., Any]
 
 
 @pytest.fixture
-def wires(launch: Launch, tmp_path: Path) -> Path:
-    """A folder with the ports of an emulated cell that lives in a domain of its own."""
-    folder = tmp_path / "wires"
-    arguments = ("--ros-args", "-p", f"wire_dir:={folder}", "-p", "camera_fps:=5.0")
-    launch("ros2", "run", "softgrip_emulator", "emulated_cell", *arguments).wait_for("wires in", 30.0)
+def wires(launch: Launch, tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    """A folder with the ports of an emulated cell that lives in a domain of its own; its servos' model may be given."""
+    folder, model = tmp_path / "wires", getattr(request, "param", "xl330_m288")
+    arguments = ("-p", f"wire_dir:={folder}", "-p", "camera_fps:=5.0", "-p", f"servo_model:={model}")
+    launch("ros2", "run", "softgrip_emulator", "emulated_cell", "--ros-args", *arguments).wait_for("wires in", 30.0)
     return folder
 
 
@@ -121,3 +123,40 @@ def test_a_bench_with_any_of_its_devices_uses_them_and_says_what_it_lacks(
     else:
         level, text = found["camera: capture"]
         assert (level, "no camera" in text) == (0, True)
+
+
+#: of `CELL_FILE`; the limits that other drives can keep are those of the shipped settings
+PATIENT = {"reply_margin_s": 0.1, "no_reply_s": 5.0, "bus_watchdog_s": 0.0, "homing_timeout_s": 60.0}
+OTHER_DRIVES = [
+    pytest.param("sts3215", "feetech", id="feetech"),
+    pytest.param("dm_j4310_2ec", "damiao", id="damiao", marks=pytest.mark.long),
+]
+
+
+@pytest.mark.timeout(240)
+@pytest.mark.parametrize(("wires", "drive"), OTHER_DRIVES, indirect=["wires"])
+def test_a_bench_with_servos_of_another_maker_homes(launch: Launch, tmp_path: Path, wires: Path, drive: str) -> None:
+    shipped = yaml.safe_load((SETTINGS / f"drives_{drive}.yaml").read_text())["/**/tendon_driver"]["ros__parameters"]
+    (model,) = shipped.pop("servo_models")
+    assert shipped.pop("backend") == drive
+    chain = [{"tendon": name, "model": model, "id": i, "direction": 1} for i, name in enumerate(TENDONS, 1)]
+    file = tmp_path / "cell.yaml"
+    file.write_text(
+        yaml.safe_dump(
+            {
+                "schema": 1,
+                "hardware": "real",
+                "servos": {"port": str(wires / "servos"), "drive": drive, "chain": chain},
+                "parameters": {"tendon_driver": shipped | PATIENT},
+            }
+        )
+    )
+    arguments = (f"cell_file:={file}", f"out:={tmp_path}/out", "gripper:=false")
+    cell = launch("ros2", "launch", "softgrip_bringup", "cell.launch.yaml", *arguments)
+    cell.ask_until(*QUESTIONS["servos"])
+    end(cell, tmp_path / "out")
+    driver = {
+        name: level for name, (level, _) in diagnosed(tmp_path / "out").items() if name.startswith("tendon_driver")
+    }
+    assert driver
+    assert not any(driver.values())

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import yaml
 
-LAUNCH = Path(__file__).resolve().parents[2] / "ros2_ws/src/softgrip_bringup/launch"
+ROOT = Path(__file__).resolve().parents[2]
+LAUNCH = ROOT / "ros2_ws/src/softgrip_bringup/launch"
 
 
 #: Launch files of a cell that can be secure: all but that of programs of others which have no keys of their own.
@@ -126,3 +127,16 @@ def test_only_nodes_that_hold_hardware_end_the_cell_when_they_are_gone() -> None
         # the others end it only where they refuse to start
         is_other = node["exec"] not in ends | never
         assert node["launch-prefix"].endswith(" --end-launch-on-refusal") == is_other
+
+
+def test_the_container_of_a_bench_gives_the_launch_what_it_takes_and_the_devices_that_it_passes_on() -> None:
+    service = yaml.safe_load((ROOT / "docker/compose.yaml").read_text())["services"]["bench"]
+    words = [word.partition(":=") for word in service["entrypoint"] if ":=" in word]
+    taken = {argument["name"] for argument in entities("cell.launch.yaml", "arg")}
+    assert {name for name, _, _ in words} <= taken
+    inside = {device.rpartition(":")[2] for device in service["devices"]}
+    assert {value for _, _, value in words if value.startswith("/dev/")} == inside
+    files = {mount.split(":")[-2] for mount in service["volumes"] if mount.endswith(":ro")}
+    assert files == {value for name, _, value in words if name == "cell_file"}
+    (shipped,) = re.findall(r"\$\{BENCH:-([^}]+)\}", "".join(service["volumes"]))
+    assert (ROOT / "docker" / shipped).resolve().is_file()

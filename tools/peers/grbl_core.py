@@ -18,9 +18,10 @@ import pty
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,34 +35,57 @@ from softgrip_driver.rig.line_port import LinePort
 REPLY_S, BOOT_S, ARRIVES_S = 30.0, 60.0, 120.0
 #: [s] after which a setting is in the simulator's file: it says ok before
 SAVED_S = 2.0
+#: [s] that the threads between terminal and simulator may take to end
+ENDS_S = 5.0
 NEAR_M = 3e-5
 SPEED_M_S = 0.005
 
 
+def carry(source: int, sink: int) -> None:
+    """Carry bytes from one end to another until either is closed."""
+    try:
+        while data := os.read(source, 4096):
+            while data:
+                data = data[os.write(sink, data) :]
+    except OSError:
+        return
+
+
 class Core:
-    """A simulator behind a pseudo-terminal, started again by whoever opens its port."""
+    """A simulator behind a pseudo-terminal, started again by whoever opens its port.
+
+    It has pipes of its own. A simulator that shares the terminal changes it for the driver, too: grbl-sim sets its
+    modes with each byte, and grblHAL's makes it non-blocking, so that what finds no room is lost.
+    """
 
     def __init__(self, program: Path, folder: Path) -> None:
         self._program, self._folder = program, folder
         self._process: subprocess.Popen[bytes] | None = None
         self._ends: tuple[int, ...] = ()
+        self._carriers: list[threading.Thread] = []
 
     def start(self) -> str:
         """Start it; return the path of its port."""
         self.stop()
-        driver, simulator = pty.openpty()
-        for end in (driver, simulator):
-            tty.setraw(end)
-        path = os.ttyname(simulator)
+        simulator, driver = pty.openpty()
+        tty.setraw(driver)
+        path = os.ttyname(driver)
         self._ends = (driver, simulator)
-        # Without stdbuf a simulator that reads by stdio sees the end of a line with the next one only.
+        # Without stdbuf a simulator that reads by stdio sees the end of a line with the next only, and answers late.
         self._process = subprocess.Popen(
-            ["stdbuf", "-i0", self._program.resolve(), "-n"],
-            stdin=driver,
-            stdout=driver,
+            ["stdbuf", "-i0", "-o0", self._program.resolve(), "-n"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             cwd=self._folder,
         )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        heard, said = self._process.stdin.fileno(), self._process.stdout.fileno()
+        ways = ((simulator, heard), (said, simulator))
+        self._carriers = [threading.Thread(target=carry, args=way, daemon=True) for way in ways]
+        for carrier in self._carriers:
+            carrier.start()
         return path
 
     def stop(self) -> None:
@@ -69,11 +93,16 @@ class Core:
         if self._process is not None:
             self._process.kill()
             self._process.wait()
-        for end in self._ends:
+        # the terminal's last open end ends who waits for bytes from it
+        for end in self._ends[:1]:
             os.close(end)
-        self._process, self._ends = None, ()
+        for carrier in self._carriers:
+            carrier.join(ENDS_S)
+        for end in self._ends[1:]:
+            os.close(end)
+        self._process, self._ends, self._carriers = None, (), []
 
-    def configure(self, settings: dict[int, float]) -> None:
+    def configure(self, settings: Mapping[int, float]) -> None:
         """Write settings with its own commands."""
         port = LinePort(self.start(), BAUD, REPLY_S)
         port.open()

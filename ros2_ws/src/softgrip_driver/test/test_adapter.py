@@ -8,6 +8,7 @@ from softgrip_driver.dynamixel.adapter import naming_advice, request_low_latency
 from softgrip_driver.dynamixel.port import BusPort
 from softgrip_driver.errors import PortLostError
 from softgrip_driver.tendon.motions import MoveOutcome
+from softgrip_driver.wizard.setups.dynamixel import measure
 from softgrip_emulator.wire.device import Chunk
 from softgrip_emulator.wire.usb_adapter import UsbAdapter
 from softgrip_time import WallClock
@@ -112,6 +113,16 @@ def test_a_driver_behind_sixteen_milliseconds_works_and_names_them(bench):
     assert not any(drive.fault for one in seen for drive in one.drives)
     assert bench.run(bench.loop.call(lambda c, now: c.home(now)), 30.0)[0] is MoveOutcome.REACHED
     assert bench.run(bench.move([0.015], 0.05))[0] is MoveOutcome.REACHED
+
+
+@pytest.mark.parametrize("bench", [{"rate": 100.0, "latency": 0.016}], indirect=True)
+def test_selftest_measures_the_rate_that_the_driver_reaches(bench):
+    seen = bench.pass_time(2.0)
+    driven = len(seen) / (seen[-1].time - seen[0].time)
+    bench.loop.stop()
+    found = measure(bench.backend.bus, 2.0)
+    assert found.rate == pytest.approx(driven, rel=0.1)
+    assert found.turnaround == pytest.approx(0.016, abs=0.002)
 
 
 def test_every_question_feeds_the_watchdogs_not_the_group_read_alone(bench):

@@ -9,7 +9,7 @@ from softgrip_driver.errors import GaugeFaultError, LimitError
 from softgrip_driver.faults import FAULTS
 from softgrip_driver.rig.pull import PullSettings, Stroke, record_pull
 from softgrip_driver.rig.slide import check_weight_at_rest
-from softgrip_driver.stage.gauge_guard import MAX_NEGATIVE_N, REST_READINGS, GaugeGuard
+from softgrip_driver.stage.gauge_guard import BLIND_M, MAX_NEGATIVE_N, REST_READINGS, GaugeGuard
 from softgrip_driver.tendon.motions import MoveOutcome
 
 PROOF = 2.0
@@ -19,8 +19,18 @@ REST = [0.02, -0.03, 0.0, 0.05, -0.01]
 def guard(*readings: float, proof: float = PROOF) -> str:
     made = GaugeGuard(proof)
     for pull in readings:
-        made.observe(pull)
+        made.observe(pull, 0.0)
     return made.fault[0]
+
+
+def after_a_hand(*readings: tuple[float, float]) -> GaugeGuard:
+    """A guard that a hand has proven, and what the gauge [N] showed where the stage was [m] then."""
+    made = GaugeGuard(PROOF)
+    for pull in (*REST, PROOF + 0.1, PROOF + 0.5, 0.0):
+        made.observe(pull, -0.008)
+    for pull, travel in readings:
+        made.observe(pull, travel)
+    return made
 
 
 # -- what readings say -------------------------------------------------------------------------------------------------
@@ -50,6 +60,30 @@ def test_a_taut_tendon_is_pulled_further_and_a_hand_that_lets_go_is_no_reversed_
     assert guard(*taut, 12.1) == ""
     assert guard(*taut, 0.0) == "gauge_unproven"
     assert guard(*taut, 0.0, 2.1) == ""
+
+
+TAUT_AND_LET_OUT = ((0.0, 0.0), (1.5, 0.010), (6.0, 0.020), (1.2, 0.009), (0.1, 0.007), (0.0, -0.008))
+
+
+def test_a_gauge_that_shows_nothing_beyond_where_the_tendon_was_taut_has_to_be_proven_again() -> None:
+    near, beyond = (0.0, 0.009 + BLIND_M - 1e-6), (0.0, 0.009 + BLIND_M + 1e-6)
+    assert after_a_hand(*TAUT_AND_LET_OUT, *[near] * 9).fault == ("", "")
+    assert after_a_hand(*TAUT_AND_LET_OUT, beyond, beyond).fault == ("", "")
+    for shown in ((1.1, 0.013), near):
+        assert after_a_hand(*TAUT_AND_LET_OUT, beyond, beyond, shown, beyond, beyond).fault == ("", "")
+    cut = after_a_hand(*TAUT_AND_LET_OUT, beyond, beyond, beyond)
+    assert cut.fault[0] == "gauge_unproven"
+    assert "since it showed 0.00 N where the tendon was taut before" in cut.fault[1]
+    for pull in (*REST, PROOF + 0.1, 0.0):
+        cut.observe(pull, 0.020)
+    assert cut.fault == ("", "")  # with a hand's pull; a new tendon may be taut elsewhere
+    for travel in (0.021, 0.025, 0.030, 0.035):
+        cut.observe(0.0, travel)
+    assert cut.fault == ("", "")
+
+
+def test_a_hand_that_still_pulls_does_not_show_where_the_tendon_is_taut() -> None:
+    assert after_a_hand(*[(0.0, 0.04)] * 9).fault == ("", "")
 
 
 def test_less_than_nothing_is_a_fault_by_the_third_reading_and_at_any_time() -> None:
@@ -116,6 +150,23 @@ def test_a_hand_is_enough_to_home(stage) -> None:
     assert stage.until(lambda seen: not seen.drives[0].fault)
     outcome, reason = home(stage)
     assert outcome is MoveOutcome.REACHED, reason
+
+
+def test_a_cell_that_is_cut_after_its_proof_is_found_out_where_the_tendon_was_taut(stage) -> None:
+    """Nothing tells it while the tendon is slack; `homing_travel_m` alone would let it pull 25 mm here."""
+    pull_by_hand(stage, 5.0)
+    outcome, reason = home(stage)
+    assert outcome is MoveOutcome.REACHED, reason
+    taut_at = stage.plant.travel
+    stage.cause("cell_cut")
+    outcome, reason = home(stage)
+    assert outcome is MoveOutcome.FAULT
+    assert drive(stage).fault == "gauge_unproven", reason
+    assert FAULTS["gauge_unproven"].remedy in reason
+    assert stage.plant.travel - taut_at < 0.010
+    stage.clear()
+    pull_by_hand(stage, 5.0)
+    assert stage.until(lambda seen: not seen.drives[0].fault)
 
 
 def test_opened_again_it_must_be_proven_again(stage) -> None:

@@ -47,13 +47,17 @@ class Run:
         while self.length < began + way:
             self.step(0.2, 0.01)
 
-    def take_up(self, taut: float, pause: float = 0.0) -> MotionStep:
-        """Let out, and wind in until a tendon of 1 N/mm that is taut there [m] holds; a pause [s] 1 mm before."""
+    def take_up(self, taut: float, pause: float = 0.0, every: float = DT) -> MotionStep:
+        """Let out, and wind in until a tendon of 1 N/mm that is taut there [m] holds; a pause [s] 1 mm before.
+
+        Readings come so far apart [s].
+        """
         step = self.let_out()[-1]
         paused = False
         while self.homing._phase is _Phase.TAKE_UP and step.outcome is None:
             if not paused and self.length > taut - 0.001:
                 self.now, paused = self.now + pause, True
+            self.now += every - DT
             force = 0.2 + 1000.0 * max(0.0, self.length - taut)
             held = force > 1.5
             step = self.step(min(force, 1.5), 0.0 if held else 0.01, obeys=not held)
@@ -115,10 +119,10 @@ def test_a_knee_beside_a_pause_is_taken_once_a_second_take_up_agrees() -> None:
     run = Run()
     run.take_up(0.004, pause=0.05)
     assert run.homing.zero is None
-    run.take_up(0.0045, pause=0.05)  # as if the pause had hidden half a millimetre
+    run.take_up(0.0047, pause=0.05)  # as if the pause had hidden 0.7 mm
     assert run.homing.zero is None
-    run.take_up(0.0046, pause=0.05)
-    assert run.homing.zero == pytest.approx(0.0046, abs=1e-4)
+    run.take_up(0.0050, pause=0.05)
+    assert run.homing.zero == pytest.approx(0.0050, abs=1e-4)
 
 
 @pytest.mark.parametrize(("pause", "at_once"), [(0.02, True), (0.03, False)])
@@ -131,9 +135,16 @@ def test_a_pause_that_hides_less_than_three_tenths_of_a_millimetre_costs_nothing
     assert run.homing.zero == pytest.approx(0.004, abs=1e-4)
 
 
+def test_an_adapter_that_is_always_slow_costs_nothing() -> None:
+    """A latency timer of 16 ms: 21 ms from reading to reading, 34 with a slow item between them."""
+    run = Run()
+    run.take_up(0.004, pause=0.034 - 0.021, every=0.021)
+    assert run.homing.zero == pytest.approx(0.004, abs=1e-4)
+
+
 def test_knees_that_never_agree_are_a_fault_that_says_how_long_the_pauses_were() -> None:
     run = Run()
-    seen = [run.take_up(0.004 + 0.0005 * (number % 2), pause=0.05) for number in range(6)]
+    seen = [run.take_up(0.004 + 0.0007 * (number % 2), pause=0.05) for number in range(6)]
     assert seen[0].outcome is None
     step = next(step for step in seen if step.outcome is MoveOutcome.FAULT)
     assert step.fault == "homing_interrupted"

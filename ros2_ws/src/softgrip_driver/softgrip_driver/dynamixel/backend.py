@@ -96,7 +96,7 @@ class DynamixelBackend(BusBackend[ServoState]):
         self.bus.open()
         try:
             identities = [identify(self.bus, live.servo) for live in self._live.values()]
-            self._allow_for_adapter(identities[0].servo.servo_id)
+            self.allow_for_adapter(identities[0].servo.servo_id)
             self._tell_differences()
             for live, identity in zip(self._live.values(), identities, strict=True):
                 if keep_torque and is_left_holding(self.bus, live.servo):
@@ -123,7 +123,7 @@ class DynamixelBackend(BusBackend[ServoState]):
         self.bus.write(servo_id, reg.BUS_WATCHDOG, 0, attempts=3)
         live.powered = True
 
-    def _allow_for_adapter(self, servo_id: int) -> None:
+    def allow_for_adapter(self, servo_id: int) -> None:
         """Wait for replies as long as the adapter keeps them back, and ask less, where it is slow; say so."""
         late = self.bus.turnaround(servo_id)
         if late <= SLOW_ADAPTER_S:

@@ -238,7 +238,7 @@ class StageBackend:
                     f"{abs(position - self._same_since) * 1e3:.1f} mm: it is stuck; restart it"
                 )
             self._gauge_misses = 0
-            self._guard.observe(pull)
+            self._guard.observe(pull, position)
         except PortLostError:
             self._halt()
             raise

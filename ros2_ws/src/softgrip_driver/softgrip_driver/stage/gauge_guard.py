@@ -3,7 +3,9 @@
 
 A slack tendon and a cut cell read the same, so nothing that the stage does before the tendon is taut can tell them
 apart. A person's hand can: before anything is wound in, it pulls the tendon until the gauge shows it (a functional
-test, as for any sensor that a safety function needs). A reading far below nothing is a fault at any time.
+test, as for any sensor that a safety function needs). Once the stage has pulled, it is known where the tendon becomes
+taut: a gauge that shows nothing a few millimetres beyond has to be proven again. A reading far below nothing is a fault
+at any time.
 """
 
 from __future__ import annotations
@@ -13,7 +15,11 @@ import statistics
 #: [N] A tendon can not push: less than that is a zero that drifted, or a reversed cell.
 MAX_NEGATIVE_N = 2.0
 #: so many readings in a row, as one may be damaged
-NEGATIVE_READINGS = 3
+IN_A_ROW = 3
+#: share of the proof that shows a taut tendon: less than a homing's tension, more than the noise of a cut cell
+SHOWS = 0.5
+#: [m] that may be wound in beyond where the gauge showed a taut tendon last, with nothing shown
+BLIND_M = 4e-3
 #: readings at the beginning whose median is the level that a hand pulls from
 REST_READINGS = 5
 
@@ -32,6 +38,11 @@ class GaugeGuard:
         self._rest = 0.0
         self._negative = 0
         self._last = 0.0
+        #: [m] where the stage had the tendon taut last; none before, nor while a hand still pulls
+        self._shown_at: float | None = None
+        self._is_held_by_hand = False
+        self._blind = 0
+        self._silent = ""
         self._reversed = ""
 
     @property
@@ -39,20 +50,19 @@ class GaugeGuard:
         """Name in the fault table and what was found; empty names where the gauge may be believed."""
         if self._reversed:
             return "gauge_reversed", self._reversed
-        if self._negative >= NEGATIVE_READINGS:
+        if self._negative >= IN_A_ROW:
             return "gauge_negative", f"expected at least {-MAX_NEGATIVE_N:g} N, found {self._last:.2f} N"
         if self._is_proven:
             return "", ""
-        return (
-            "gauge_unproven",
-            f"expected a hand that pulls the tendon until the gauge shows {self._proof_n:g} N more, found none yet",
-        )
+        asked = f"expected a hand that pulls the tendon until the gauge shows {self._proof_n:g} N more, found none"
+        return "gauge_unproven", f"{asked} {self._silent or 'yet'}"
 
-    def observe(self, pull: float) -> None:
-        """Take a reading [N]."""
+    def observe(self, pull: float, travel: float) -> None:
+        """Take a reading [N], and where the stage was [m]."""
         self._last = pull
         self._negative = self._negative + 1 if pull < -MAX_NEGATIVE_N else 0
         if self._is_proven:
+            self._observe_stage(pull, travel)
             return
         if len(self._first) < REST_READINGS:
             self._first.append(pull)
@@ -60,10 +70,27 @@ class GaugeGuard:
         else:
             self._observe_hand(pull)
 
+    def _observe_stage(self, pull: float, travel: float) -> None:
+        """See whether the gauge still shows what the stage pulls."""
+        if self._proof_n == 0.0:
+            return
+        if pull >= SHOWS * self._proof_n:
+            self._blind = 0
+            if not self._is_held_by_hand:
+                self._shown_at = travel
+            return
+        self._is_held_by_hand = False
+        is_beyond = self._shown_at is not None and travel > self._shown_at + BLIND_M
+        self._blind = self._blind + 1 if is_beyond else 0
+        if self._blind >= IN_A_ROW:
+            self._silent = f"since it showed {pull:.2f} N where the tendon was taut before"
+            self._is_proven, self._first = False, []
+
     def _observe_hand(self, pull: float) -> None:
         """See which way the reading goes when a hand pulls."""
         if pull >= self._rest + self._proof_n:
-            self._is_proven = True
+            self._is_proven, self._is_held_by_hand = True, True
+            self._shown_at, self._blind, self._silent = None, 0, ""
         elif pull <= self._rest - self._proof_n:
             if pull <= -0.5 * self._proof_n:
                 self._reversed = f"expected a pull to read more than {self._rest:.2f} N, found {pull:.2f} N"

@@ -43,8 +43,11 @@ ROUNDS = 4
 USUAL = 0.05
 #: [m] that a zero is right to: no more may be wound in between two readings
 ZERO_ACCURACY = 1e-3
-#: share of it that may be wound in unseen while a knee is taken at once, and by which two knees agree
+#: share of it that may be wound in unseen while a knee is taken at once; and by which two knees may differ
 SEEN = 0.3
+AGREED = 0.5
+#: times the usual time between two readings that is a silence: a slow adapter is none
+UNUSUAL = 2.0
 
 Array = NDArray[np.float64]
 
@@ -133,8 +136,8 @@ class Homing:
         self._steady = False
         self._again = self.AGAIN
         self._tries = self.TRIES
-        #: [s] of the longest silence of this take-up
-        self._longest = 0.0
+        #: [s] between the readings of this take-up
+        self._silences: list[float] = []
         #: [m] a knee that a second one has to agree with
         self._guess: float | None = None
         #: [s] when it was heard last
@@ -149,7 +152,7 @@ class Homing:
         limits = self._limits
         silent, self._heard = view.now - self._heard, view.now
         if self._is_seeking(view):
-            self._longest = max(self._longest, silent)
+            self._silences.append(silent)
             if silent > self.max_silence:
                 return self._begin_again_after(silent, view)
         if view.now - self._started > limits.homing_timeout:
@@ -191,7 +194,7 @@ class Homing:
         self._phase, self._profile = _Phase.LET_OUT, SpeedProfile(view.pulled_length_m)
         self._standing = _Lasting()
         self._samples.clear()
-        self._longest = 0.0
+        self._silences.clear()
         return MotionStep(view.pulled_length_m, self._limits.homing_tension)
 
     def _let_out(self, view: DriveObservation) -> MotionStep:
@@ -273,15 +276,15 @@ class Homing:
 
     def _is_sure_of(self, found: float) -> bool:
         """Whether that knee [m] was seen well, or agrees with the one before; else it is kept for the next."""
-        if self._longest <= SEEN * self.max_silence:
+        longest, seen = max(self._silences), SEEN * self.max_silence
+        if longest <= max(seen, UNUSUAL * float(np.median(self._silences))):
             return True
         before, self._guess = self._guess, found
         self._silence = (
-            f"the bus was silent for up to {self._longest * 1e3:.0f} ms in each take-up; at "
-            f"{self._limits.homing_speed * 1e3:.1f} mm/s {SEEN * self.max_silence * 1e3:.0f} ms show where a tendon "
-            "becomes taut"
+            f"the bus was silent for up to {longest * 1e3:.0f} ms in each take-up; at "
+            f"{self._limits.homing_speed * 1e3:.1f} mm/s {seen * 1e3:.0f} ms show where a tendon becomes taut"
         )
-        return before is not None and abs(found - before) <= SEEN * ZERO_ACCURACY
+        return before is not None and abs(found - before) <= AGREED * ZERO_ACCURACY
 
     def _go_to_zero(self, view: DriveObservation) -> MotionStep:
         assert self.zero is not None

@@ -159,7 +159,7 @@ def make_setup() -> DynamixelSetup:
 
 
 def measure(bus: Bus, seconds: float) -> BusMeasurement:
-    """Run the driver's cycles as fast as can be, without its orders.
+    """Run the driver's cycles as fast as can be, at the pace that it keeps with this adapter; no orders are sent.
 
     Raises:
         DeviceNotFoundError: nobody answers.
@@ -177,6 +177,7 @@ def measure(bus: Bus, seconds: float) -> BusMeasurement:
     delays = {i: bus.read(i, reg.RETURN_DELAY, attempts=3) * reg.RETURN_DELAY_SECONDS_PER_UNIT for i in ids}
     backend = DynamixelBackend(bus, servos, watchdog=0.0)
     backend.fast = all(servo.fast_sync_read for servo in servos)
+    backend.allow_for_adapter(ids[0])
     lost, corrupt = bus.counters.lost, bus.counters.corrupt
     durations: list[float] = []
     began = bus.clock.now_s()
