@@ -40,7 +40,7 @@ pages = load_script(ROOT / "tools/pages/blocks.py")
 #: the commands of the document, in its order
 ORDER = [
     "scan", "setup", "setup", "selftest", "calibrate_cell", "stage", "calibrate_tension",
-    "target", "lens", "target", "plane", "cp", "cell_file", "launch", "home", "calibrate", "confirm",
+    "target", "lens", "target", "plane", "cp", "cell_file", "launch", "home", "calibrate", "confirm", "first_run",
 ]  # fmt: skip
 #: the document's ports: servos, stage, gauge
 PORTS = {"/dev/ttyUSB0": "servos", "/dev/ttyUSB1": "stand", "/dev/ttyACM0": "gauge"}
@@ -221,7 +221,8 @@ def test_other_pages_type_its_lines(page: str) -> None:
 @pytest.mark.timeout(1500)
 def test_a_bench_from_the_box_to_its_friction_by_the_document(launch: Launch, tmp_path: Path, person: Person) -> None:
     scan, first, last, selftest, weigh, stage, tension, *rest = lines()
-    board, lens, target, plane, copy, check, start, home, goal, confirm = rest
+    # the last one is tests/system/test_first_run.py's
+    board, lens, target, plane, copy, check, start, home, goal, confirm, _ = rest
 
     person.connects("thumb")
     assert "57600" in person.types(scan)

@@ -131,3 +131,39 @@ def test_from_the_boxes_to_the_first_grasp(terminal: Open, tmp_path: Path) -> No
     assert at_egg.read_until(("egg: ",), 240.0), at_egg.text[-3000:]
     assert at_egg.process.wait(30.0) == 0, at_egg.text[-3000:]
     assert "egg: GRIPPED" in at_egg.text
+
+
+#: What docs/bench.md ends with: servos that `wizard` has set up, a stand with its gauge, a camera; nothing here says
+#: that they are emulated. Two processors for the bench and its cell: replies come later than a real servo's.
+BENCH = """schema: 1
+hardware: real
+servos:
+  port: wires/servos
+  chain:
+    - {tendon: index, model: XL330-M288, id: 1, direction: 1, spool_radius_m: 0.010, slack_m: 0.005}
+    - {tendon: middle, model: XL330-M288, id: 2, direction: 1, spool_radius_m: 0.010, slack_m: 0.005}
+    - {tendon: thumb, model: XL330-M288, id: 3, direction: 1, spool_radius_m: 0.010, slack_m: 0.005}
+rig: {stage: {kind: mark10, port: wires/stand}, gauge: {kind: gcl2, port: wires/gauge}}
+camera: {source: "@wires/camera.url", calibration: wires/camera_calibration.yaml}
+folders: {out: out}
+parameters:
+  tendon_driver: {reply_margin_s: 0.05, no_reply_s: 0.5, bus_watchdog_s: 0.0}
+"""
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_real_hardware_over_pseudo_terminals_goes_from_its_ports_to_the_first_grasp(
+    terminal: Open, tmp_path: Path
+) -> None:
+    """In real time, by the command of docs/bench.md; the hands are the emulated bench's."""
+    (tmp_path / "cell.yaml").write_text(BENCH)
+    at_bench = terminal("ros2 run softgrip_emulator emulated_cell --ros-args -p wire_dir:=wires -p camera_fps:=6.0")
+    assert at_bench.read_until(("wires in wires",), 60.0), at_bench.text
+    line = shlex.join(command("../bench.md", "first_run"))
+    at_checklist = terminal(f"{line} --hands emulator --launch-argument gripper:=false panel:=false")
+    assert at_checklist.read_until(("Who ran it", "page:"), 540.0) == "Who ran it", at_checklist.text[-3000:]
+    record = json.loads((tmp_path / "first_run" / "first_run.json").read_text())
+    figures = {figure["name"]: figure["found"] for report in record["reports"] for figure in report["figures"]}
+    assert (figures["points accepted"], figures["outcome"]) == ("9", "GRIPPED")
+    assert {report["status"] for report in record["reports"]} == {"good"}
