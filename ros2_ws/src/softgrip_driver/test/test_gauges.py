@@ -55,11 +55,11 @@ def gauge_at(folder: Path, line: str, counts: float = 1.0, **settings):
 # -- boards ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rate", [10.0, 80.0])
+@pytest.mark.parametrize(("rate", "boot"), [(10.0, 1.6), (80.0, 1.6), (10.0, 0.5), (10.0, 3.0)])
 @pytest.mark.parametrize("sketch", READ_AS)
-def test_a_board_with_a_published_sketch_opens_and_weighs(tmp_path, make_rig, sketch, rate):
+def test_a_board_with_a_published_sketch_opens_and_weighs(tmp_path, make_rig, sketch, rate, boot):
     rig = make_rig(gauge=sketch)
-    rig.gauge._rate_hz = rate
+    rig.gauge._rate_hz, rig.gauge._boot_s = rate, boot
     name, counts = READ_AS[sketch]
     gauge = gauge_at(tmp_path, name, counts)
     gauge.open()
