@@ -62,7 +62,12 @@ class FingerRecord:
 
     def objection(self) -> str | None:
         """Return why this finger may not be mounted, or None."""
-        if self.state in (FingerState.WORN, FingerState.RETIRED, FingerState.UNKNOWN):
+        if self.state is FingerState.UNKNOWN:
+            return (
+                f"finger {self.serial} is unknown: a check refused it, or nobody saw where it went; look at it, then say "
+                f"where it is: `ros2 run softgrip_cell library finger {self.serial} store`"
+            )
+        if self.state in (FingerState.WORN, FingerState.RETIRED):
             return f"finger {self.serial} is {self.state.value}; expected one in store"
         if self.cycles >= self.cycle_limit:
             return f"finger {self.serial} has closed {self.cycles} times, its limit is {self.cycle_limit}; retire it"

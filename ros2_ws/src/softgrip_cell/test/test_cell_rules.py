@@ -314,6 +314,8 @@ def test_a_finger_is_usable_until_it_is_worn_retired_lost_or_spent(
     finger_record: FingerRecord, usable: bool, spent: bool
 ) -> None:
     assert (finger_record.objection() is None, finger_record.is_spent) == (usable, spent)
+    if finger_record.state is FingerState.UNKNOWN:
+        assert f"library finger {finger_record.serial} store" in (finger_record.objection() or "")
 
 
 def test_a_residual_of_a_swap_condemns_no_finger(cell: Cell, database: Database) -> None:
