@@ -64,8 +64,8 @@ class FingerRecord:
         """Return why this finger may not be mounted, or None."""
         if self.state is FingerState.UNKNOWN:
             return (
-                f"finger {self.serial} is unknown: a check refused it, or nobody saw where it went; look at it, then say "
-                f"where it is: `ros2 run softgrip_cell library finger {self.serial} store`"
+                f"finger {self.serial} is unknown: a check refused it, or nobody saw where it went; look at it, then "
+                f"say where it is: `ros2 run softgrip_cell library finger {self.serial} store`"
             )
         if self.state in (FingerState.WORN, FingerState.RETIRED):
             return f"finger {self.serial} is {self.state.value}; expected one in store"
