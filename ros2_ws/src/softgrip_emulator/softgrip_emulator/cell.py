@@ -207,6 +207,14 @@ class EmulatedCell:
         """The cell's time in seconds since the epoch."""
         return self.time_server.epoch_s + self.clock.now_s()
 
+    def frame_time_s(self) -> float:
+        """When a frame is taken, in seconds since the epoch.
+
+        The cell's time where somebody follows it. Else it is the computer's, which everybody else stamps by: the cell's
+        falls behind it on a computer that is too slow for real time.
+        """
+        return self.epoch_time_s() if self.time_server.participants.all else time.time()
+
     @property
     def stream_url(self) -> str:
         """Address of the camera's stream; empty before `open`."""
@@ -237,7 +245,7 @@ class EmulatedCell:
         """The seen finger now, and where it was when the exposure began (from its joint speeds)."""
         plant, faults = self.plant, replace(self.camera.faults)
         with plant.lock:
-            stamp_s = self.epoch_time_s()
+            stamp_s = self.frame_time_s()
             index = plant.index(SEEN_SLOT)
             finger = plant.mounted[index]
             if finger is None:

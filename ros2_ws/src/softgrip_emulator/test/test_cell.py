@@ -387,6 +387,17 @@ def test_the_cell_can_live_faster_than_the_computer(profiles, tmp_path):
     assert cell.epoch_time_s() == pytest.approx(clock.epoch_ns(clock.now_s()) * 1e-9, abs=TICK_S)
 
 
+def test_frames_are_stamped_by_the_computers_time_unless_somebody_follows_the_cells(profiles, tmp_path):
+    """A cell that falls behind, as on a computer that is too slow: its servos' readings are stamped by the computer."""
+    with EmulatedCell(profiles, tmp_path / "wires", speed=0.2, camera=CameraSettings(320, 240)) as cell:
+        time.sleep(1.0)
+        assert time.time() - cell.epoch_time_s() > 0.5
+        assert cell.frame_time_s() == pytest.approx(time.time(), abs=0.1)
+        with stepping_host(cell):
+            assert cell.frame_time_s() == pytest.approx(cell.epoch_time_s(), abs=0.1)
+            assert time.time() - cell.frame_time_s() > 0.5
+
+
 def test_the_same_questions_at_the_same_times_get_the_same_answers_however_busy_the_computer(profiles, tmp_path):
     """The truth after a closing is the same to the bit, though one host is held up at random by its computer."""
     ends = []
