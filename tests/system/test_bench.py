@@ -43,10 +43,10 @@ def wires(launch: Launch, tmp_path: Path, request: pytest.FixtureRequest) -> Pat
     return folder
 
 
-def start(launch: Launch, tmp_path: Path, sections: str, *arguments: str) -> Any:
+def start(launch: Launch, tmp_path: Path, cell_file: str) -> Any:
     """Start the launch for a bench."""
-    (tmp_path / "cell.yaml").write_text(CELL_FILE + sections)
-    given = (f"cell_file:={tmp_path}/cell.yaml", f"out:={tmp_path}/out", *arguments)
+    (tmp_path / "cell.yaml").write_text(cell_file)
+    given = (f"cell_file:={tmp_path}/cell.yaml", f"out:={tmp_path}/out", "gripper:=false")
     return launch("ros2", "launch", "softgrip_bringup", "cell.launch.yaml", *given)
 
 
@@ -104,7 +104,7 @@ def test_a_bench_with_any_of_its_devices_uses_them_and_says_what_it_lacks(
     launch: Launch, tmp_path: Path, wires: Path, devices: tuple[str, ...]
 ) -> None:
     sections = "".join(SECTIONS[name].replace("WIRES", str(wires)) for name in devices)
-    cell = start(launch, tmp_path, sections, "gripper:=false")
+    cell = start(launch, tmp_path, CELL_FILE + sections)
     for name in devices:
         cell.ask_until(*QUESTIONS[name])
     end(cell, tmp_path / "out")
@@ -140,19 +140,10 @@ def test_a_bench_with_servos_of_another_maker_homes(launch: Launch, tmp_path: Pa
     (model,) = shipped.pop("servo_models")
     assert shipped.pop("backend") == drive
     chain = [{"tendon": name, "model": model, "id": i, "direction": 1} for i, name in enumerate(TENDONS, 1)]
-    file = tmp_path / "cell.yaml"
-    file.write_text(
-        yaml.safe_dump(
-            {
-                "schema": 1,
-                "hardware": "real",
-                "servos": {"port": str(wires / "servos"), "drive": drive, "chain": chain},
-                "parameters": {"tendon_driver": shipped | PATIENT},
-            }
-        )
-    )
-    arguments = (f"cell_file:={file}", f"out:={tmp_path}/out", "gripper:=false")
-    cell = launch("ros2", "launch", "softgrip_bringup", "cell.launch.yaml", *arguments)
+    servos = {"port": str(wires / "servos"), "drive": drive, "chain": chain}
+    parameters = {"tendon_driver": shipped | PATIENT}
+    mine = {"schema": 1, "hardware": "real", "servos": servos, "parameters": parameters}
+    cell = start(launch, tmp_path, yaml.safe_dump(mine))
     cell.ask_until(*QUESTIONS["servos"])
     end(cell, tmp_path / "out")
     driver = {

@@ -82,6 +82,12 @@ def test_a_gauge_that_shows_nothing_beyond_where_the_tendon_was_taut_has_to_be_p
     assert cut.fault == ("", "")
 
 
+def test_a_hand_that_pulls_while_the_stage_stands_proves_the_gauge_once_more() -> None:
+    """As where a finger is changed: the tendon of another one may be taut elsewhere."""
+    touched = ((3.0, -0.008), (3.0, -0.008), (0.0, -0.008))
+    assert after_a_hand(*TAUT_AND_LET_OUT, *touched, *[(0.0, 0.001 * n) for n in range(40)]).fault == ("", "")
+
+
 def test_a_hand_that_still_pulls_does_not_show_where_the_tendon_is_taut() -> None:
     assert after_a_hand(*[(0.0, 0.04)] * 9).fault == ("", "")
 

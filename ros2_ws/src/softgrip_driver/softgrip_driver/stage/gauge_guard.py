@@ -18,6 +18,8 @@ MAX_NEGATIVE_N = 2.0
 IN_A_ROW = 3
 #: share of the proof that shows a taut tendon: less than a homing's tension, more than the noise of a cut cell
 SHOWS = 0.5
+#: [m] of travel between two readings below which the stage stands: what the gauge begins to show then, a hand pulls
+STANDS_M = 2e-5
 #: [m] that may be wound in beyond where the gauge showed a taut tendon last, with nothing shown
 BLIND_M = 4e-3
 #: readings at the beginning whose median is the level that a hand pulls from
@@ -40,7 +42,8 @@ class GaugeGuard:
         self._last = 0.0
         #: [m] where the stage had the tendon taut last; none before, nor while a hand still pulls
         self._shown_at: float | None = None
-        self._is_held_by_hand = False
+        self._is_held_by_hand = self._is_taut = False
+        self._before = 0.0
         self._blind = 0
         self._silent = ""
         self._reversed = ""
@@ -68,16 +71,18 @@ class GaugeGuard:
             self._first.append(pull)
             self._rest = statistics.median(self._first)
         else:
-            self._observe_hand(pull)
+            self._observe_hand(pull, travel)
 
     def _observe_stage(self, pull: float, travel: float) -> None:
         """See whether the gauge still shows what the stage pulls."""
         if self._proof_n == 0.0:
             return
-        if pull >= SHOWS * self._proof_n:
+        stands, self._before = abs(travel - self._before) < STANDS_M, travel
+        was_taut, self._is_taut = self._is_taut, pull >= SHOWS * self._proof_n
+        if self._is_taut:
             self._blind = 0
-            if not self._is_held_by_hand:
-                self._shown_at = travel
+            self._is_held_by_hand = self._is_held_by_hand or (stands and not was_taut)
+            self._shown_at = None if self._is_held_by_hand else travel
             return
         self._is_held_by_hand = False
         is_beyond = self._shown_at is not None and travel > self._shown_at + BLIND_M
@@ -86,11 +91,11 @@ class GaugeGuard:
             self._silent = f"since it showed {pull:.2f} N where the tendon was taut before"
             self._is_proven, self._first = False, []
 
-    def _observe_hand(self, pull: float) -> None:
+    def _observe_hand(self, pull: float, travel: float) -> None:
         """See which way the reading goes when a hand pulls."""
         if pull >= self._rest + self._proof_n:
-            self._is_proven, self._is_held_by_hand = True, True
-            self._shown_at, self._blind, self._silent = None, 0, ""
+            self._is_proven, self._is_held_by_hand, self._is_taut = True, True, True
+            self._shown_at, self._blind, self._silent, self._before = None, 0, "", travel
         elif pull <= self._rest - self._proof_n:
             if pull <= -0.5 * self._proof_n:
                 self._reversed = f"expected a pull to read more than {self._rest:.2f} N, found {pull:.2f} N"
