@@ -210,10 +210,10 @@ class EmulatedCell:
     def frame_time_s(self) -> float:
         """When a frame is taken, in seconds since the epoch.
 
-        The cell's time where somebody follows it. Else it is the computer's, which everybody else stamps by: the cell's
-        falls behind it on a computer that is too slow for real time.
+        The cell's time where somebody follows it, has followed it or is expected to. Else it is the computer's, which
+        everybody else stamps by: the cell's falls behind it on a computer that is too slow for real time.
         """
-        return self.epoch_time_s() if self.time_server.participants.all else time.time()
+        return self.epoch_time_s() if self.time_server.is_followed else time.time()
 
     @property
     def stream_url(self) -> str:

@@ -79,6 +79,8 @@ class TimeServer:
         self._path, self._ports, self._advance, self._is_busy = path, ports, advance, is_busy
         self._posted: deque[Callable[[], None]] = deque()
         self._speed, self._expected = speed, frozenset(expected)
+        #: somebody lives, has lived or is expected to live by this time; it stays so, as participants come and go
+        self.is_followed = bool(self._expected)
         self._anchor = (0.0, time.monotonic())
         self._looked_at = time.monotonic()
         self._connections: dict[int, tuple[socket.socket, Participant | None]] = {}
@@ -263,6 +265,7 @@ class TimeServer:
                 raise ValueError(f"lock-step: expected a join first, found {packet}")
             participant = Participant(packet, progress_s=self.clock.now_s())
             self.participants.all.append(participant)
+            self.is_followed = True
             self._connections[connection.fileno()] = connection, participant
             self._grant(connection, 0)
             return participant

@@ -396,6 +396,10 @@ def test_frames_are_stamped_by_the_computers_time_unless_somebody_follows_the_ce
         with stepping_host(cell):
             assert cell.frame_time_s() == pytest.approx(cell.epoch_time_s(), abs=0.1)
             assert time.time() - cell.frame_time_s() > 0.5
+        time.sleep(0.2)  # its host has gone, perhaps between two waits: the next frame is no later than the last
+        assert not cell.time_server.participants.all
+        assert cell.frame_time_s() == pytest.approx(cell.epoch_time_s(), abs=0.1)
+        assert time.time() - cell.frame_time_s() > 0.5
 
 
 def test_the_same_questions_at_the_same_times_get_the_same_answers_however_busy_the_computer(profiles, tmp_path):
