@@ -79,7 +79,7 @@ class Subscription(Endpoint):
         self._callback: Callable[..., Any] = callback
         self.callback = callback
         depth = None if self._wire_qos.history == 2 else max(1, self._wire_qos.depth)
-        self._queue: collections.deque[tuple[zenoh.ZBytes, bytes, int]] = collections.deque(maxlen=depth)
+        self._queue: collections.deque[tuple[bytes, bytes, int]] = collections.deque(maxlen=depth)
         self._max_bytes = limits.max_bytes(full_type_name(msg_type), "message")
         self._waiting_bytes = 0  # of the samples in the queue that are not small
         self._bytes_lock = threading.Lock()
@@ -132,7 +132,8 @@ class Subscription(Endpoint):
             self._forget_oldest()
         if size > _SMALL:
             self._count(size)
-        queue.append((payload, data, time.time_ns()))
+        # A copy: Zenoh's own payload keeps the whole buffer that it came in, 64 KiB for a message of 30 bytes.
+        queue.append((payload.to_bytes(), data, time.time_ns()))
         # The executor may have emptied the queue in between: then it does not look for this one.
         if self._runs_on_arrival:
             self._run_waiting()
@@ -175,7 +176,7 @@ class Subscription(Endpoint):
         self._uncount(payload)
         self._lost(1)
 
-    def _uncount(self, payload: zenoh.ZBytes) -> None:
+    def _uncount(self, payload: bytes) -> None:
         if (size := len(payload)) > _SMALL:
             with self._bytes_lock:
                 self._waiting_bytes -= size
@@ -195,15 +196,14 @@ class Subscription(Endpoint):
 
     def _take(self) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
         try:
-            sample, attachment, received_ns = self._queue.popleft()
+            payload, attachment, received_ns = self._queue.popleft()
         except IndexError:
             return None
-        self._uncount(sample)
+        self._uncount(payload)
         if self._queue:
             self._node._rcl_ready(self)
         try:
             sequence, stamp_ns, gid = wire.decode_attachment(attachment)
-            payload = sample.to_bytes()
             message = payload if self.raw else self.msg_type.DEFINITION.deserialize(payload)
         except (CdrError, struct.error, ValueError) as error:
             self._drop(str(error))

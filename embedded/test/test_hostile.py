@@ -8,6 +8,7 @@ import struct
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -251,6 +252,26 @@ def test_large_samples_that_wait_are_no_longer_together_than_one_may_be(
         time.sleep(0.01)
     assert len(subscription._queue) == 4
     assert subscription._waiting_bytes == 4 * len(one)
+
+
+def test_small_samples_that_wait_take_no_more_memory_than_they_are_long(
+    make_node: Callable[..., Node], stranger: zenoh.Session
+) -> None:
+    node = make_node("mailbox")
+    subscription = node.create_subscription(String, "letters", lambda _: None, 10_000)
+    publisher = reach(stranger, subscription._key)
+    attachment = wire.encode_attachment(1, 1, bytes(16))
+    sizes = []
+    for letter in range(1, 1601):
+        publisher.put(serialize_message(String(data="x")), attachment=attachment)
+        time.sleep(0.0005)  # each in a packet of its own
+        if letter % 800 == 0:
+            end = time.monotonic() + 10.0
+            while len(subscription._queue) < letter:
+                assert time.monotonic() < end
+                time.sleep(0.01)
+            sizes.append(int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE"))
+    assert sizes[1] - sizes[0] < 800 * 2_000, sizes
 
 
 def test_requests_longer_than_they_may_be_are_refused_before_they_are_read(

@@ -275,7 +275,12 @@ class EmulatedCell:
             self.camera.expose(self._sample())
 
     def _is_exposing(self, target_s: float) -> bool:
-        """Whether the last exposure must be rendered first; one that takes too long is waited for no more."""
+        """Whether the last exposure must be rendered first; one that takes too long is waited for no more.
+
+        Where nobody follows the cell's time, devices answer at the computer's; a camera that is late misses a frame.
+        """
+        if not self.time_server.is_followed:
+            return False
         is_due = target_s > self._exposure_due_s - _ROUNDING_S
         return is_due and self.camera.is_exposing and time.monotonic() - self._exposing_since < GIVE_UP_S
 

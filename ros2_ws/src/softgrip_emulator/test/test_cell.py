@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The whole emulated cell over its wires: a hand closes, every fault by name shows on the wire and ends."""
 
+import os
 import random
+import signal
 import socket
 import time
 import urllib.request
@@ -400,6 +402,28 @@ def test_frames_are_stamped_by_the_computers_time_unless_somebody_follows_the_ce
         assert not cell.time_server.participants.all
         assert cell.frame_time_s() == pytest.approx(cell.epoch_time_s(), abs=0.1)
         assert time.time() - cell.frame_time_s() > 0.5
+
+
+@pytest.mark.parametrize("is_followed", [False, True])
+def test_a_camera_that_is_late_holds_the_time_only_of_those_who_follow_it(profiles, tmp_path, until, is_followed):
+    """Nobody follows: devices answer at the computer's time, as real ones do, and the camera misses frames."""
+    with EmulatedCell(profiles, tmp_path / "wires", camera=CameraSettings(320, 240)) as cell:
+        cell.time_server.is_followed = is_followed
+        with urllib.request.urlopen(cell.stream_url, timeout=5):
+            assert until(lambda: cell.camera.frames_taken > 2)
+            child = cell.camera._process.pid
+            os.kill(child, signal.SIGSTOP)
+            try:
+                time.sleep(0.3)  # for the frame in progress to be late
+                began_s = cell.clock.now_s()
+                time.sleep(1.0)
+                lived_s = cell.clock.now_s() - began_s
+            finally:
+                os.kill(child, signal.SIGCONT)
+            assert (lived_s < 0.2) == is_followed
+            assert (lived_s > 0.5) != is_followed
+            taken = cell.camera.frames_taken
+            assert until(lambda: cell.camera.frames_taken > taken + 2)
 
 
 def test_the_same_questions_at_the_same_times_get_the_same_answers_however_busy_the_computer(profiles, tmp_path):

@@ -20,6 +20,8 @@ from rclpy.context import Context
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 
+from softgrip_nodekit.priority import Breather
+
 if TYPE_CHECKING:
     from rclpy.subscription import MessageInfo
 
@@ -29,18 +31,38 @@ Message = TypeVar("Message")
 _EVENTS_SINCE = (7, 1, 11)
 
 
+class _Breathing(Executor):
+    """Takes a breath between callbacks where its thread is a real-time one (`Breather`)."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.breather = Breather()
+
+    def _spin_once_impl(self, *args: Any, **kwargs: Any) -> None:
+        self.breather.take()
+        super()._spin_once_impl(*args, **kwargs)
+
+
+class BreathingExecutor(_Breathing, SingleThreadedExecutor):
+    """Runs callbacks in the thread that spins."""
+
+
+class _BreathingPool(_Breathing, MultiThreadedExecutor):
+    """Runs callbacks in a pool of threads."""
+
+
 def make_executor(node: Node, threads: int = 1) -> Executor:
     """Return an executor for a node that is complete; it is not added yet."""
     if threads > 1:
-        return MultiThreadedExecutor(num_threads=threads)
+        return _BreathingPool(num_threads=threads)
     # The embedded rclpy has one kind of executor, which is told, too, and refuses to have the other.
     try:
         experimental = importlib.import_module("rclpy.experimental")
     except (ModuleNotFoundError, NotImplementedError):
-        return SingleThreadedExecutor()
+        return BreathingExecutor()
     # That one cannot wait for guard conditions.
     if _rclpy_version() < _EVENTS_SINCE or list(node.guards):
-        return SingleThreadedExecutor()
+        return BreathingExecutor()
     events_executor: Executor = experimental.EventsExecutor()
     return events_executor
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, ShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from softgrip_nodekit.executor import end_context
+from softgrip_nodekit.executor import BreathingExecutor, end_context
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,7 +51,7 @@ class IsolatedNode:
         except BaseException:
             end_context(self._context)
             raise
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor = BreathingExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._is_closed = False
         self._thread = threading.Thread(target=self._spin, name=self.node.get_name(), daemon=True)

@@ -17,6 +17,7 @@ from std_msgs.msg import String
 
 from softgrip_nodekit import make_executor, with_message_info
 from softgrip_nodekit.executor import _EVENTS_SINCE, _rclpy_version
+from softgrip_nodekit.priority import Breather
 
 
 @pytest.fixture
@@ -75,3 +76,23 @@ def test_a_subscription_is_served_with_the_info_by_the_executor_made(node: Node)
     executor.shutdown()
     assert taken[0][0] == "x"
     assert before <= taken[0][1] <= time.time_ns()
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_an_executor_takes_a_breath_between_callbacks(
+    node: Node, monkeypatch: pytest.MonkeyPatch, threads: int
+) -> None:
+    """What a real-time one needs in a flood; it decides itself whether it does (`Breather`)."""
+    taken: list[float] = []
+    monkeypatch.setattr(Breather, "take", lambda _: taken.append(time.monotonic()) is None)
+    calls: list[int] = []
+    node.create_timer(0.001, lambda: calls.append(1))
+    node.create_guard_condition(lambda: None)  # which rclpy's events executor does not run
+    executor = make_executor(node, threads)
+    executor.add_node(node)
+    end = time.monotonic() + 10.0
+    while len(calls) < 20:
+        assert time.monotonic() < end
+        executor.spin_once(timeout_sec=0.1)
+    executor.shutdown()
+    assert len(taken) >= 20

@@ -6,12 +6,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable
 from typing import Any, NoReturn
 
 import pytest
 
 from softgrip_nodekit import Rank, WhileBrief, claim_processor, priority
+from softgrip_nodekit.priority import Breather
 
 ALL_THREADS = """
 import os, sys, threading
@@ -127,3 +130,55 @@ def test_who_was_never_in_front_is_left_alone(monkeypatch: pytest.MonkeyPatch) -
     brief = WhileBrief(0, turns=1)
     for seconds in (1.0, 0.001, 0.001):
         brief.add_turn(seconds)
+
+
+@pytest.fixture
+def processor(monkeypatch: pytest.MonkeyPatch) -> Callable[[float, float], None]:
+    """A real-time thread on a clock of its own, which `spend` has work and then wait."""
+    clock = {"worked": 5.0, "now": 100.0}
+
+    def spend(working_s: float, waiting_s: float = 0.0) -> None:
+        clock["worked"] += working_s
+        clock["now"] += working_s + waiting_s
+
+    monkeypatch.setattr(time, "thread_time", lambda: clock["worked"])
+    monkeypatch.setattr(time, "monotonic", lambda: clock["now"])
+    monkeypatch.setattr(time, "sleep", lambda seconds: spend(0.0, seconds))
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _: os.SCHED_FIFO)
+    return spend
+
+
+def test_a_real_time_thread_in_a_flood_pauses_after_three_milliseconds(processor: Callable[..., None]) -> None:
+    breather, pauses = Breather(after_s=0.003, for_s=0.001), []
+    for _ in range(40):
+        processor(0.0005, 0.0001)
+        before = time.monotonic()
+        if breather.take():
+            pauses.append(time.monotonic() - before)
+    assert 40 // 7 <= len(pauses) <= 40 // 6  # 3 ms are six or seven turns of half a millisecond, by rounding
+    assert pauses == pytest.approx([0.001] * len(pauses))
+
+
+def test_one_that_waits_as_long_as_it_works_does_not(processor: Callable[..., None]) -> None:
+    breather = Breather()
+    for _ in range(40):
+        processor(0.0005, 0.0006)
+        assert not breather.take()
+    processor(0.01)
+    assert breather.take()
+
+
+def test_an_ordinary_thread_does_not(processor: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _: os.SCHED_OTHER)
+    breather = Breather()
+    processor(1.0)
+    assert not breather.take()
+
+
+def test_each_thread_has_its_own_account() -> None:
+    breather, found = Breather(after_s=0.0, for_s=0.0), []
+    sum(range(1_000_000))
+    other = threading.Thread(target=lambda: found.append((breather.take(), breather._used)))
+    other.start()
+    other.join()
+    assert found[0][1] < 0.01  # of the new thread, not of the one that made it
