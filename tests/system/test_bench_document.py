@@ -62,7 +62,7 @@ PARAMETERS = {
 SINGULAR = {
     "winding_resistances_ohm": "winding_resistance_ohm", "back_emfs_v_s": "back_emf_v_s",
     "friction_currents_a": "friction_current_a", "friction_slopes_a_s_m": "friction_slope_a_s_m",
-    "gear_load_shares": "gear_load_share",
+    "gear_load_shares": "gear_load_share", "quick_stddevs_n_s2_m2": "quick_stddev_n_s2_m2",
 }  # fmt: skip
 TRUE_LENS = Lens(
     960, 540, np.array([[905.0, 0.0, 486.0], [0.0, 908.0, 263.0], [0.0, 0.0, 1.0]]),

@@ -88,6 +88,7 @@ class DriveRequest:
             "calibrated",
             self.own("friction_slopes_a_s_m", tendon),
             self.own("gear_load_shares", tendon),
+            self.own("quick_stddevs_n_s2_m2", tendon),
         )
 
     @property

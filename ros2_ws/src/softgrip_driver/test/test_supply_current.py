@@ -228,9 +228,10 @@ def values():
 def test_calibrated_values_and_the_limited_current_reach_the_servo(values):
     values |= {"winding_resistances_ohm": [3.1], "back_emfs_v_s": [0.41], "limited_currents": ["winding"]}
     values |= {"torque_per_ampere_nm_a": [0.33], "friction_slopes_a_s_m": [0.5], "gear_load_shares": [0.06]}
+    values |= {"quick_stddevs_n_s2_m2": [800.0]}
     servo = checked_configuration(values).drives.servos[0]
     assert (servo.motor.resistance, servo.motor.back_emf) == (3.1, 0.41)
-    assert (servo.torque.friction_slope, servo.torque.load_share) == (0.5, 0.06)
+    assert (servo.torque.friction_slope, servo.torque.load_share, servo.torque.quick_stddev) == (0.5, 0.06, 800.0)
     assert not servo.limits_supply
     with pytest.raises(ConfigurationError, match="expected both of a calibration"):
         checked_configuration(values | {"back_emfs_v_s": [0.0]})

@@ -2,6 +2,7 @@
 """Lengths and forces between shaft and tendon."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,6 +78,24 @@ def test_a_quick_round_counts_by_its_way_not_by_its_few_samples():
     model = fit_torque_model(currents, speed, tension, radius, "weights")
     assert model.friction_current == pytest.approx((160 * 0.08 + 192 * 0.04) / 352, rel=0.03)
     assert model.torque_per_ampere == pytest.approx(k, rel=0.03)
+
+
+@pytest.mark.parametrize("growth", [0.0, 1500.0])
+def test_what_a_model_leaves_over_when_quick_widens_what_it_states_when_quick(growth):
+    """Readings scatter by 0.2 N at rest, and by growth v^2 beside; 24 mm/s make 0.86 N of it."""
+    rng = np.random.default_rng(8)
+    k, friction, radius, samples = 0.386, 0.06, 0.010, 4000
+    speed = rng.choice((0.002, 0.006, 0.024), samples) * rng.choice((-1.0, 1.0), samples)
+    tension = rng.uniform(1.0, 24.0, samples)
+    scatter = rng.normal(0.0, np.hypot(0.2, growth * speed**2))
+    model = fit_torque_model((tension + scatter) * radius / k + np.sign(speed) * friction, speed, tension, radius, "x")
+    assert model.quick_stddev == pytest.approx(growth, rel=0.1, abs=150.0)
+    for at_m_s in (0.002, 0.024):
+        rest = replace(model, quick_stddev=0.0).pull(0.3, at_m_s, radius)[1]
+        widened = model.pull(0.3, at_m_s, radius)[1]
+        assert widened == pytest.approx(np.hypot(rest, model.quick_stddev * at_m_s**2))
+    at_one_speed = fit_torque_model(tension * radius / k + scatter, np.sign(speed) * 0.006, tension, radius, "x")
+    assert at_one_speed.quick_stddev == 0.0
 
 
 def test_calibration_says_what_is_missing():

@@ -36,6 +36,7 @@ class TorqueValues:
     friction_current_a: float | None = None
     friction_slope_a_s_m: float | None = None
     gear_load_share: float | None = None
+    quick_stddev_n_s2_m2: float | None = None
     tension_stddev_share: float | None = None
     winding_resistance_ohm: float | None = None
     back_emf_v_s: float | None = None

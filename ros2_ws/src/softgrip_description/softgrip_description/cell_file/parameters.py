@@ -27,6 +27,7 @@ _BY_SERVO: Mapping[str, Callable[[ChainServo], Any]] = {
     "friction_currents_a": lambda servo: servo.torque.friction_current_a,
     "friction_slopes_a_s_m": lambda servo: servo.torque.friction_slope_a_s_m,
     "gear_load_shares": lambda servo: servo.torque.gear_load_share,
+    "quick_stddevs_n_s2_m2": lambda servo: servo.torque.quick_stddev_n_s2_m2,
     "tension_stddev_share": lambda servo: servo.torque.tension_stddev_share,
     "winding_resistances_ohm": lambda servo: servo.torque.winding_resistance_ohm,
     "back_emfs_v_s": lambda servo: servo.torque.back_emf_v_s,

@@ -203,6 +203,7 @@ class TorqueCalibration:
         yield f"friction_currents_a: [{self.torque.friction_current:.5f}]"
         yield f"friction_slopes_a_s_m: [{self.torque.friction_slope:.5f}]"
         yield f"gear_load_shares: [{self.torque.load_share:.4f}]"
+        yield f"quick_stddevs_n_s2_m2: [{self.torque.quick_stddev:.1f}]"
         yield f"tension_stddev_share: [{self.torque.relative_stddev:.4f}]"
 
 

@@ -92,6 +92,14 @@ PARAMETERS = ParameterTable(
         "friction_slopes_a_s_m", [0.0], "growth of the friction with speed, from calibrate_tension", "A s/m", 0.0, 100.0
     ),
     Parameter("gear_load_shares", [0.0], "share of the load lost in the gears, from calibrate_tension", "", 0.0, 0.9),
+    Parameter(
+        "quick_stddevs_n_s2_m2",
+        [0.0],
+        "growth of the tension's uncertainty with the square of the speed, from calibrate_tension",
+        "N s2/m2",
+        0.0,
+        1e5,
+    ),
     Parameter("tension_stddev_share", [0.15], "uncertainty of the torque constant, relative", "", 0.0, 1.0),
     Parameter(
         "winding_resistances_ohm",

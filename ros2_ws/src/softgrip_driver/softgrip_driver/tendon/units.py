@@ -59,6 +59,8 @@ class TorqueModel:
         source: "data sheet", or where it was calibrated.
         friction_slope: s [A s/m] by which the gears' friction grows with the tendon's speed.
         load_share: eta, the share of the load that presses the gears' teeth and is lost to friction.
+        quick_stddev: [N s^2/m^2] by which the uncertainty grows with the square of the speed: quick gears may rub
+            otherwise than this model has it.
     """
 
     torque_per_ampere: float
@@ -67,6 +69,7 @@ class TorqueModel:
     source: str = "data sheet"
     friction_slope: float = 0.0
     load_share: float = 0.0
+    quick_stddev: float = 0.0
 
     #: [m/s] below this the gears may stand, and friction may act either way
     STANDING_SPEED = 5e-4
@@ -86,7 +89,8 @@ class TorqueModel:
         hidden = force_per_ampere * self.friction_current * (1.0 / math.sqrt(3.0) if standing else 0.3)
         if standing:
             hidden += self.load_share * abs(force) / math.sqrt(3.0)
-        return force, math.hypot(self.relative_stddev * force, hidden, force_per_ampere * current_stddev)
+        quick = self.quick_stddev * speed**2
+        return force, math.hypot(self.relative_stddev * force, hidden, force_per_ampere * current_stddev, quick)
 
     def current(self, tension: float, radius: float) -> float:
         """Return the current [A] at which a winding drive reaches a tension [N]."""
@@ -136,14 +140,26 @@ def fit_torque_model(
     design = np.column_stack(list(columns.values()))
     residual = weight * force - design @ values
     variance = float(residual @ residual) / max(1, len(i) - len(columns))
+    steady, quick = _variance_by_speed(residual / weight, speed, weight)
     slope_variance = variance * float(np.linalg.inv(design.T @ design)[0, 0])
     # One number for both: scatter of single readings about the line, relative to the mean force, and the slope's own.
-    relative = math.hypot(math.sqrt(variance) / max(float(force.mean()), 1e-6), math.sqrt(slope_variance) / slope)
+    relative = math.hypot(math.sqrt(steady) / max(float(force.mean()), 1e-6), math.sqrt(slope_variance) / slope)
     found = dict(zip(columns, values.tolist(), strict=True))
     return TorqueModel(
         slope * radius, found.get("friction", 0.0) / slope, relative, source,
-        found.get("slope", 0.0) / slope, found.get("load", 0.0),
+        found.get("slope", 0.0) / slope, found.get("load", 0.0), math.sqrt(quick),
     )  # fmt: skip
+
+
+def _variance_by_speed(left_over: Array, speed: Array, weight: Array) -> tuple[float, float]:
+    """Return the variance [N^2] of what a fit leaves over at rest, and how it grows with speed^4 [N^2 s^4/m^4]."""
+    squares, counts, growth = left_over**2, weight**2, speed**4
+    mean, mean_growth = np.average(squares, weights=counts), np.average(growth, weights=counts)
+    spread = float(np.average((growth - mean_growth) ** 2, weights=counts))
+    if spread <= 1e-6 * mean_growth**2:  # one speed shows no growth
+        return float(mean), 0.0
+    quick = max(0.0, float(np.average((squares - mean) * (growth - mean_growth), weights=counts)) / spread)
+    return max(0.0, float(mean - quick * mean_growth)), quick
 
 
 def _least_squares(columns: dict[str, Array], force: Array) -> tuple[dict[str, Array], Array]:

@@ -72,6 +72,7 @@ def torque_of(chain: ServoChain, servo: ChainServo) -> TorqueModel:
         "calibrate_tension",
         given.friction_slope_a_s_m or 0.0,
         given.gear_load_share or 0.0,
+        given.quick_stddev_n_s2_m2 or 0.0,
     )
 
 
