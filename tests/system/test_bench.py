@@ -62,9 +62,9 @@ def diagnosed(folder: Path) -> dict[str, tuple[int, str]]:
     return found
 
 
-def end(cell: Any, out: Path, *wanted: str) -> None:
-    """End it once its bag has some seconds of everybody's diagnostics, the wanted components' too."""
-    for name in wanted:
+def end(cell: Any, out: Path, *required: str) -> None:
+    """End it once its bag has some seconds of everybody's diagnostics, the required components' too."""
+    for name in required:
         cell.ask_until(
             ("topic", "echo", "--once", "--filter", f"any(s.name == {name!r} for s in m.status)", "/diagnostics"), name
         )

@@ -3,7 +3,9 @@ from __future__ import annotations
 
 import errno
 import os
+import random
 import threading
+import tracemalloc
 from collections import Counter
 from pathlib import Path
 
@@ -242,3 +244,38 @@ def test_a_message_that_comes_very_late_is_lost() -> None:
     for sequence in (1, 3, 5000, 4999, 2):
         losses.add_sequence("/a", sequence, "p")
     assert losses.lost == {"/a": 4999 - 3 - 1 + 1}
+
+
+def test_late_numbers_are_found_within_gaps_and_only_once() -> None:
+    """Against a plain set of what has come, with numbers that come up to 30 places late, some twice, some never."""
+    chance = random.Random(4)
+    numbers = [number for number in range(1, 4000) if chance.random() > 0.02]
+    sent = sorted(numbers, key=lambda number: number + chance.uniform(0.0, 30.0))
+    losses, come = LossCounter(), set()
+    for number in sent:
+        losses.add_sequence("/a", number, "one")
+        if chance.random() < 0.05:
+            losses.add_sequence("/a", chance.choice([*sent[:1], number]), "one")
+        come.add(number)
+    everything = set(range(sent[0], max(sent) + 1))
+    assert losses.lost["/a"] == len(everything - come)
+
+
+def test_a_number_that_is_too_far_ahead_is_forged_and_hides_no_loss() -> None:
+    losses = LossCounter()
+    for number in (1, 2, 2**63 - 1, 3, 6, 2_000_000, 7):
+        losses.add_sequence("/a", number, "one")
+    assert losses.lost == {"/a": 2}
+
+
+def test_forged_publishers_take_little_memory_and_the_real_one_is_still_counted() -> None:
+    losses = LossCounter()
+    tracemalloc.start()
+    for number in range(1, 60_001):
+        losses.add_sequence("/forged", number * 1000, number % 20_000)
+        if number % 20:
+            losses.add_sequence("/real", number, "real")
+    held = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert held < 4_000_000
+    assert losses.lost["/real"] == 60_000 // 20 - 1  # the last gap has no end yet

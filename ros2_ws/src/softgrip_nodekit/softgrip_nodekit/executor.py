@@ -39,7 +39,7 @@ class _Breathing(Executor):
         self.breather = Breather()
 
     def _spin_once_impl(self, *args: Any, **kwargs: Any) -> None:
-        self.breather.take()
+        self.breather.take_breath()
         super()._spin_once_impl(*args, **kwargs)
 
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections.abc import Iterable
 from contextlib import suppress
@@ -77,38 +76,32 @@ def claim_processor(priority: int, threads: Iterable[int] = (0,)) -> str:
 
 
 class Breather:
-    """Lets ordinary threads onto the processor of a real-time one that messages keep busy.
+    """Lets ordinary threads onto the processors of a real-time process that messages keep busy.
 
-    A serial port's bytes come by an ordinary thread of the kernel (tty's work queue). Behind a real-time thread in a
-    flood of messages it stands until that thread waits, and with it the bus that the thread is real-time for: seen were
-    replies 60 to 130 ms late.
+    A serial port's bytes come by an ordinary thread of the kernel (tty's work queue). Behind a real-time process in a
+    flood of messages it stands until that process waits, and with it the bus that the process is real-time for: seen
+    were replies 60 to 130 ms late.
 
     Args:
-        after_s: [s] of processor time in one go, after which the calling thread pauses.
+        after_s: [s] of processor time of the process in one go, after which the calling thread pauses.
         for_s: [s] that it pauses.
     """
 
     def __init__(self, after_s: float = 0.003, for_s: float = 0.001) -> None:
         self._after, self._for = after_s, for_s
-        self._thread = 0
-        self._begin()
+        self._used, self._since = time.process_time(), time.monotonic()
 
-    def take(self) -> bool:
-        """Pause where that is due, and return whether it was; for one thread, between two callbacks."""
-        if self._thread != threading.get_ident():
-            self._begin()
-        used = time.thread_time() - self._used
+    def take_breath(self) -> bool:
+        """Pause where that is due, and return whether it was; for the thread that takes messages, between two."""
+        used = time.process_time() - self._used
         if used < self._after:
             return False
-        # a thread that waited for as long as it worked has left its processor to others already
+        # a process that waited for as long as it worked has left its processor to others already
         is_due = time.monotonic() - self._since < 2.0 * used and os.sched_getscheduler(0) != os.SCHED_OTHER
         if is_due:
             time.sleep(self._for)
-        self._begin()
+        self._used, self._since = time.process_time(), time.monotonic()
         return is_due
-
-    def _begin(self) -> None:
-        self._thread, self._used, self._since = threading.get_ident(), time.thread_time(), time.monotonic()
 
 
 class WhileBrief:

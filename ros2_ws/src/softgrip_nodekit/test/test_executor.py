@@ -84,7 +84,7 @@ def test_an_executor_takes_a_breath_between_callbacks(
 ) -> None:
     """What a real-time one needs in a flood; it decides itself whether it does (`Breather`)."""
     taken: list[float] = []
-    monkeypatch.setattr(Breather, "take", lambda _: taken.append(time.monotonic()) is None)
+    monkeypatch.setattr(Breather, "take_breath", lambda _: taken.append(time.monotonic()) is None)
     calls: list[int] = []
     node.create_timer(0.001, lambda: calls.append(1))
     node.create_guard_condition(lambda: None)  # which rclpy's events executor does not run

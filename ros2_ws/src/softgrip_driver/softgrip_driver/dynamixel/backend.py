@@ -80,6 +80,8 @@ class DynamixelBackend(BusBackend[ServoState]):
         self._write_eeprom = write_eeprom
         self._report = report
         self._plain_until, self._plain_period = 0.0, self.PLAIN_PERIOD
+        #: servo that was silent -> its place behind the others
+        self._asked_late: dict[int, int] = {}
         self._turn = 0
         self._cycles = 0
         self._slow_every = 1
@@ -217,7 +219,7 @@ class DynamixelBackend(BusBackend[ServoState]):
         A servo that says that it has the fast read and has not would else cost a cycle each second.
         """
         if not self.fast or now < self._plain_until:
-            replies = self.bus.sync_read(ids, *FAST_BLOCK)
+            replies = self._read_in_turn(ids)
             if not replies:  # nobody answers that either
                 self._plain_period = self.PLAIN_PERIOD
             return replies
@@ -227,6 +229,15 @@ class DynamixelBackend(BusBackend[ServoState]):
         else:
             self._plain_until = now + self._plain_period
             self._plain_period = min(2.0 * self._plain_period, self.LONGEST_PLAIN_PERIOD)
+        return replies
+
+    def _read_in_turn(self, ids: Sequence[int]) -> dict[int, BusReply]:
+        """Read in an answer each. Behind one that is silent nobody answers: it is asked last from then on."""
+        turns = sorted(ids, key=lambda servo_id: self._asked_late.get(servo_id, 0))
+        replies = self.bus.sync_read(turns, *FAST_BLOCK)
+        silent = next((servo_id for servo_id in turns if servo_id not in replies), None)
+        if silent is not None:
+            self._asked_late[silent] = max(self._asked_late.values(), default=0) + 1
         return replies
 
     def write(self, setpoints: Mapping[str, Setpoint]) -> None:

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from softgrip_emulator.dynamixel.instructions import InstructionReply
     from softgrip_emulator.dynamixel.servo import EmulatedServo
 
-_STATUS_OVERHEAD_BYTES: Final = 11
 _MAX_STATUS_BYTES: Final = 1024
 _FULL_RESET: Final = b"\xff"
 
@@ -128,10 +127,9 @@ class DynamixelChain(EmulatedChain["EmulatedServo", Packet]):
         for device_id, address, length in requests:
             servo = by_id.get(device_id)
             if servo is None or not servo.answers(packet.instruction):
-                # Those behind a missing servo wait as long as its answer would have taken, then take their turn
-                # (assumption: the e-manual does not say).
-                start_s += 5e-4 + (_STATUS_OVERHEAD_BYTES + length) * BITS_PER_BYTE / baud
-                continue
+                # Each waits for the answer of the one before: "if one device does not respond in the middle, all IDs
+                # do not respond after that" (ROBOTIS-GIT/DynamixelSDK issue 364; a logic analyzer in 331).
+                break
             reply = servo.read_for_host(address, length, now_s)
             chunk = self._status(servo, reply.error, reply.parameters, start_s)
             if servo.device_id in answered:
