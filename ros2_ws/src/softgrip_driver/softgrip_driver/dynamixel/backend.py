@@ -203,12 +203,15 @@ class DynamixelBackend(BusBackend[ServoState]):
         replies = self._read_block([live.servo.servo_id for live in present], now)
         self._wake(heard=bool(replies))
         readings = {}
+        answers = True  # where one that is back does not answer, the others are asked in the next cycle
         for live in present:
             reply = replies.get(live.servo.servo_id)
             if reply is None or reply.code:
                 self._missed(live, now)
-            elif self._check_return(live):
+            elif not live.suspect or (answers and self._check_return(live)):
                 readings[live.servo.tendon] = self._reading(live, reply)
+            else:
+                answers = False
         self._probe(now, readings)
         self._read_slowly(readings)
         return readings
