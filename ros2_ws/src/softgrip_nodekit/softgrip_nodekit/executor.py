@@ -20,6 +20,7 @@ from rclpy.context import Context
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 
+from softgrip_nodekit.cell_time import is_simulated
 from softgrip_nodekit.priority import Breather
 
 if TYPE_CHECKING:
@@ -32,14 +33,21 @@ _EVENTS_SINCE = (7, 1, 11)
 
 
 class _Breathing(Executor):
-    """Takes a breath between callbacks where its thread is a real-time one (`Breather`)."""
+    """Takes a breath between callbacks where its thread is a real-time one (`Breather`).
 
-    def __init__(self, *args: Any, **kwargs: Any) -> None:
+    Not in simulated time: no serial port of a device is read there, and the time waits for whoever pauses.
+
+    Args:
+        node: that it is made for.
+    """
+
+    def __init__(self, node: Node, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.breather = Breather()
+        self._breather = None if is_simulated(node) else Breather()
 
     def _spin_once_impl(self, *args: Any, **kwargs: Any) -> None:
-        self.breather.take_breath()
+        if self._breather is not None:
+            self._breather.take_breath()
         super()._spin_once_impl(*args, **kwargs)
 
 
@@ -54,15 +62,15 @@ class _BreathingPool(_Breathing, MultiThreadedExecutor):
 def make_executor(node: Node, threads: int = 1) -> Executor:
     """Return an executor for a node that is complete; it is not added yet."""
     if threads > 1:
-        return _BreathingPool(num_threads=threads)
+        return _BreathingPool(node, num_threads=threads)
     # The embedded rclpy has one kind of executor, which is told, too, and refuses to have the other.
     try:
         experimental = importlib.import_module("rclpy.experimental")
     except (ModuleNotFoundError, NotImplementedError):
-        return BreathingExecutor()
+        return BreathingExecutor(node)
     # That one cannot wait for guard conditions.
     if _rclpy_version() < _EVENTS_SINCE or list(node.guards):
-        return BreathingExecutor()
+        return BreathingExecutor(node)
     events_executor: Executor = experimental.EventsExecutor()
     return events_executor
 

@@ -51,7 +51,7 @@ class IsolatedNode:
         except BaseException:
             end_context(self._context)
             raise
-        self._executor = BreathingExecutor(context=self._context)
+        self._executor = BreathingExecutor(beside, context=self._context)
         self._executor.add_node(self.node)
         self._is_closed = False
         self._thread = threading.Thread(target=self._spin, name=self.node.get_name(), daemon=True)

@@ -15,6 +15,7 @@ from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import String
 
+from softgrip_nodekit import executor as executor_module
 from softgrip_nodekit import make_executor, with_message_info
 from softgrip_nodekit.executor import _EVENTS_SINCE, _rclpy_version
 from softgrip_nodekit.priority import Breather
@@ -78,13 +79,15 @@ def test_a_subscription_is_served_with_the_info_by_the_executor_made(node: Node)
     assert before <= taken[0][1] <= time.time_ns()
 
 
+@pytest.mark.parametrize("is_simulated", [False, True])
 @pytest.mark.parametrize("threads", [1, 3])
-def test_an_executor_takes_a_breath_between_callbacks(
-    node: Node, monkeypatch: pytest.MonkeyPatch, threads: int
+def test_an_executor_takes_a_breath_between_callbacks_unless_its_time_is_simulated(
+    node: Node, monkeypatch: pytest.MonkeyPatch, threads: int, is_simulated: bool
 ) -> None:
     """What a real-time one needs in a flood; it decides itself whether it does (`Breather`)."""
     taken: list[float] = []
     monkeypatch.setattr(Breather, "take_breath", lambda _: taken.append(time.monotonic()) is None)
+    monkeypatch.setattr(executor_module, "is_simulated", lambda _: is_simulated)
     calls: list[int] = []
     node.create_timer(0.001, lambda: calls.append(1))
     node.create_guard_condition(lambda: None)  # which rclpy's events executor does not run
@@ -95,4 +98,5 @@ def test_an_executor_takes_a_breath_between_callbacks(
         assert time.monotonic() < end
         executor.spin_once(timeout_sec=0.1)
     executor.shutdown()
-    assert len(taken) >= 20
+    assert (len(taken) >= 20) != is_simulated
+    assert not (is_simulated and taken)
