@@ -105,18 +105,28 @@ def test_sync_write_bulk_read_and_bulk_write(sdk, servos):
     assert reader.getData(3, 102, 2) == 300
 
 
-def test_a_silent_servo_fails_those_behind_it_in_a_group_and_nobody_else(sdk, servos):
+def test_a_silent_servo_fails_the_group_and_not_the_others(sdk, servos):
     port, packets = sdk
     servos[1].silenced = True
     group = dynamixel_sdk.GroupSyncRead(port, packets, PRESENT_POSITION, 4)
     for number in (1, 2, 3):
         group.addParam(number)
     assert group.txRxPacket() == TIMEOUT
-    # "if one device does not respond in the middle, all IDs do not respond after that" (DynamixelSDK issue 364)
-    time.sleep(0.1)
-    assert port.getBytesAvailable() == 0
     assert group.fastSyncRead() != OK
     assert packets.ping(port, 3)[1] == OK
+
+
+def test_behind_a_silent_servo_nobody_answers_a_sync_read(sdk, servos):
+    """ROBOTIS-GIT/DynamixelSDK issue 364: "if one device does not respond in the middle, all IDs do not respond"."""
+    port, packets = sdk
+    for silent, answering in ((2, [1]), (1, []), (3, [1, 2])):
+        for servo in servos:
+            servo.silenced = servo.device_id == silent
+        packets.syncReadTx(port, PRESENT_POSITION, 4, [1, 2, 3], 3, False)
+        time.sleep(0.1)  # longer than all three take
+        port.is_using = False
+        answers = bytes(port.readPort(200)).split(b"\xff\xff\xfd\x00")[1:]
+        assert [answer[0] for answer in answers] == answering
 
 
 def test_an_alert_marks_every_reply_and_leaves_the_data_valid(sdk, servos):
