@@ -200,6 +200,32 @@ def test_an_urgent_order_overtakes_and_stands_although_the_bus_is_busy(cell):
     assert order == ["urgent", "first"]
 
 
+def test_whoever_stops_is_answered_although_the_bus_hangs_in_that_very_stop(cell):
+    """Whoever serves it still has to tell the other nodes, and to put the stop on disk."""
+    began, goes_on = threading.Event(), threading.Event()
+
+    def hangs(_controller, _now):
+        began.set()
+        assert goes_on.wait(DEADLINE_S)
+
+    raised = []
+
+    def stop():
+        with pytest.raises(TimeoutError) as error:
+            cell.loop.call(hangs, timeout=0.02, urgent=True)
+        raised.append(str(error.value))
+
+    asking = threading.Thread(target=stop)
+    asking.start()
+    assert began.wait(DEADLINE_S)
+    asking.join(DEADLINE_S / 2)
+    is_answered = not asking.is_alive()
+    goes_on.set()
+    asking.join(DEADLINE_S)
+    assert is_answered
+    assert "has begun" in raised[0]
+
+
 def test_a_latched_stop_is_enforced_by_the_loop_even_if_nobody_could_tell_it(cell):
     """The state alone is enough: the order to stop may have been lost with whoever gave it."""
     cell.loop.call(cell.request(0.020))

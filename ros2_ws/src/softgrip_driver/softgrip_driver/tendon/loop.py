@@ -202,11 +202,12 @@ class BusLoop:
         """Run a request between two cycles and return what it returns, or raise what it raises.
 
         A request that could not begin within ``timeout`` [s] is never obeyed later; one that has begun is waited for.
-        An urgent one overtakes all others and stays asked for: it is obeyed as soon as the bus is free.
+        An urgent one overtakes all others and stays asked for: it is obeyed as soon as the bus is free. Nobody waits
+        longer for it, as whoever stops has more to do than that.
 
         Raises:
             DriverError: the loop does not run.
-            TimeoutError: not begun in time.
+            TimeoutError: not begun in time; an urgent one: not done in time.
         """
         future: Future[Result] = Future()
         with self._changed:
@@ -226,10 +227,9 @@ class BusLoop:
                     f"the bus was busy for {timeout:g} s, so the order was taken back and nothing moves by it; "
                     "see tendon/status"
                 ) from None
-            if urgent and not future.running() and not future.done():
-                raise TimeoutError(
-                    f"the bus has been busy for {timeout:g} s; the order stands and is obeyed first"
-                ) from None
+            if urgent and not future.done():
+                state = "has begun, and has had no answer" if future.running() else "stands and is obeyed first"
+                raise TimeoutError(f"the bus has been busy for {timeout:g} s; the order {state}") from None
             return future.result()
 
     def _result(self, future: Future[Result], timeout: float) -> Result:
