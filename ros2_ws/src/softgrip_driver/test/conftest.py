@@ -143,13 +143,19 @@ class Bench(RunningLoop):
         self, folder: Path, world, *, rate=200.0, limits=None, policies=POLICIES, seed=3, history=4096, grippers=None,
         model="XL330-M288", mode=OperatingMode.CURRENT_BASED_POSITION, limits_current=None,
         latency=None, tendons=TENDONS, report=lambda _: None, radius=0.010, around=lambda wire: wire,
+        trips_early=False,
     ) -> None:  # fmt: skip
         self.world, self.undo, self.identities = world, [], ()
         self.overrides = Overrides()
         limits = limits or shipped_limits(model, 0.05 if world.quiet else 0.3)
         chain = [
             ServoPlace(
-                name, number, model, spool_radius_m=radius, limits_winding=limits_current is CurrentSensing.WINDING
+                name,
+                number,
+                model,
+                spool_radius_m=radius,
+                trips_early=trips_early,
+                limits_winding=limits_current is CurrentSensing.WINDING,
             )
             for number, name in enumerate(tendons, start=1)
         ]

@@ -106,9 +106,15 @@ def _model(name: str) -> Any:
 
 
 def make_servo(
-    model: str, device_id: int, *, baud: int, return_delay_us: int, limits_winding: bool = False
+    model: str,
+    device_id: int,
+    *,
+    baud: int,
+    return_delay_us: int,
+    limits_winding: bool = False,
+    trips_early: bool = False,
 ) -> PlantServo:
-    """A servo as it comes, by the name of its model.
+    """A servo as it comes, by the name of its model; what it limits and when it trips: see `EmulatedServo`.
 
     Raises:
         EmulatorError: no such model.
@@ -119,7 +125,12 @@ def make_servo(
     if isinstance(described, damiao_motor.EmulatedDamiaoModel):
         return EmulatedDamiaoMotor(described, device_id)
     return EmulatedServo(
-        described, device_id, baud=baud, return_delay_us=return_delay_us, limits_winding=limits_winding
+        described,
+        device_id,
+        baud=baud,
+        return_delay_us=return_delay_us,
+        limits_winding=limits_winding,
+        trips_early=trips_early,
     )
 
 

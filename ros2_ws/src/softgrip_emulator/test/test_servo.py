@@ -385,7 +385,7 @@ def test_a_profile_reaches_its_goal_in_the_time_the_trapezoid_takes(write):
     write(servo, "torque_enable", 1)
     write(servo, "goal_position", 4096)
     steps = 0
-    while servo._motion.position != 4096.0 and steps < 10_000:
+    while servo.motion.position != 4096.0 and steps < 10_000:
         steps += 1
         servo.step(steps * 1e-3, 1e-3)
     speed = 100 * 0.229 / 60  # rev/s

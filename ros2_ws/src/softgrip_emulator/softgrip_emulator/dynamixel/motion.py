@@ -116,6 +116,8 @@ class ServoMotion:
         self.position = 0.0
         self.velocity = 0.0
         self.profile_active = False
+        self.stiffness = 1.0
+        """Of position control, relative to the e-manual's; Rhoban's bam project saw half of it on an XL330."""
 
     def restart(self, position: float) -> None:
         """Start from a standstill at `position` [pulse] (torque on, mode change, fold)."""
@@ -166,7 +168,7 @@ class ServoMotion:
         error = self.position - position
         self._integral = self._integral + error * dt_s / _LOOP_S if settings.position_i else 0.0
         pwm = (
-            settings.position_p * error
+            self.stiffness * settings.position_p * error
             + settings.position_i * self._integral
             + settings.position_d * (self.velocity - velocity) * _LOOP_S
         )

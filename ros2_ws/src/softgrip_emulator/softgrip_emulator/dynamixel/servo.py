@@ -48,9 +48,10 @@ _TORQUE_ON_BY_GOAL: Final = 0x08
 _STARTUP_TORQUE_ON: Final = 0x01
 _STARTUP_RAM_RESTORE: Final = 0x02
 _SINGLE_TURN_OFFSET: Final = 1024
-_OVERLOAD_SHARE: Final = 0.75
-"""Share of the stall current that the overload watch takes as too much for long (assumption, no data sheet)."""
-_OVERLOAD_TIME_S: Final = 2.5
+_OVERLOAD: Final = (0.75, 2.5)
+"""Share of the stall current that the overload watch takes as too much, and for how long [s]; no data sheet says."""
+_EARLY_OVERLOAD: Final = (0.40, 5.0)
+"""The same, as a user saw it of an XM430: 41 % for "around 5s" (ROBOTIS-GIT/DynamixelSDK issue 285)."""
 
 
 class EmulatedHardwareError:
@@ -94,7 +95,7 @@ class _Settings(NamedTuple):
     lowest_v: float
     highest_v: float
     temperature_limit_c: int
-    overload_a: float
+    stall_a: float
     watchdog: int
     direction: float
     homing_offset: int
@@ -109,7 +110,7 @@ class _Settings(NamedTuple):
             lowest_v=(get("min_voltage_limit") - 0.5) / 10.0,
             highest_v=(get("max_voltage_limit") + 0.5) / 10.0,
             temperature_limit_c=get("temperature_limit"),
-            overload_a=_OVERLOAD_SHARE * registers.model.motor.stall_current_a,
+            stall_a=registers.model.motor.stall_current_a,
             watchdog=get("bus_watchdog"),
             direction=-1.0 if get("drive_mode") & _REVERSE else 1.0,
             homing_offset=_homing_offset(registers),
@@ -130,6 +131,7 @@ class EmulatedServo:
         baud: int = FACTORY_BAUD,
         return_delay_us: int = 500,
         limits_winding: bool = False,
+        trips_early: bool = False,
     ) -> None:
         """Make a servo as delivered.
 
@@ -140,6 +142,7 @@ class EmulatedServo:
             return_delay_us: pause before a status packet [us].
             limits_winding: Goal Current limits the winding's current also where it is the supply's that it reports.
                 Which of them an XL330 or XC330 limits, the e-manual ("Goal Current(102)") does not say.
+            trips_early: its overload shutdown comes as early as a user saw one.
         """
         self.model = model
         self._limits_supply = model.senses_supply_current and not limits_winding
@@ -148,13 +151,14 @@ class EmulatedServo:
         self.registers.put("id", device_id)
         self.registers.put("baud_rate", _baud_register(baud))
         self.registers.put("return_delay_time", return_delay_us // 2)
-        self._motion = ServoMotion(self.registers)
+        self.motion = ServoMotion(self.registers)
         self._decoded = _Settings.decoded(self.registers)
         self._decoded_at = self.registers.changes
         self._fold_pulses = 0
         self._silent_until_s = 0.0
         self._powered_since_s = 0.0
         self._last_packet_s = 0.0
+        self._overload = _EARLY_OVERLOAD if trips_early else _OVERLOAD
         self._overload_s = 0.0
         self._instructions = Instructions(self)
         self.position_glitch_pulses = 0
@@ -282,7 +286,7 @@ class EmulatedServo:
             self._last_packet_s = now_s
             present = self._present_pulses()
             self.registers.put("goal_position", round(present))
-            self._motion.restart(present)
+            self.motion.restart(present)
 
     def _mode_changed(self) -> None:
         for item in self.model.items:
@@ -292,7 +296,7 @@ class EmulatedServo:
         self.registers.put("goal_velocity", 0)
         if self.registers.get("operating_mode") == ServoMode.POSITION:
             self.fold()
-        self._motion.restart(self._present_pulses())
+        self.motion.restart(self._present_pulses())
 
     def lose_power(self, now_s: float) -> None:
         """Reboot or supply failure: RAM and turn count are gone, silence while it boots, errors are cleared."""
@@ -308,7 +312,7 @@ class EmulatedServo:
         self.registers.put("goal_position", round(self._present_pulses()))
         if self.registers.get("startup_configuration") & _STARTUP_TORQUE_ON:
             self.registers.put("torque_enable", 1)
-        self._motion.restart(self._present_pulses())
+        self.motion.restart(self._present_pulses())
 
     def step(self, now_s: float, dt_s: float) -> ServoDrive:
         """One step of the firmware: watchdogs and shutdown, then the loop. Returns what the power stage is told."""
@@ -319,13 +323,13 @@ class EmulatedServo:
         self._watch_bus(settings.watchdog, now_s)
         settings = self._settings
         velocity = settings.direction * self.shaft.velocity_rad_s / _RAD_PER_PULSE
-        asked = self._motion.drive(self._present_pulses(), velocity, dt_s, follow=settings.watchdog != _TRIPPED)
+        asked = self.motion.drive(self._present_pulses(), velocity, dt_s, follow=settings.watchdog != _TRIPPED)
         return ServoDrive(settings.direction * asked.duty, asked.current_limit_a, self._limits_supply)
 
     def _watch_bus(self, timeout: int, now_s: float) -> None:
         if timeout > 0 and now_s - self._last_packet_s > timeout * _WATCHDOG_UNIT_S:
             self.registers.put("bus_watchdog", _TRIPPED)
-            self._motion.stop_at(self._present_pulses())
+            self.motion.stop_at(self._present_pulses())
 
     def _watch_health(self, dt_s: float) -> None:
         settings, shaft = self._settings, self.shaft
@@ -334,11 +338,12 @@ class EmulatedServo:
             bits |= EmulatedHardwareError.INPUT_VOLTAGE
         if shaft.temperature_c > settings.temperature_limit_c:
             bits |= EmulatedHardwareError.OVERHEATING
-        if abs(shaft.current_a) > settings.overload_a:
+        share, longest_s = self._overload
+        if abs(shaft.current_a) > share * settings.stall_a:
             self._overload_s += dt_s
         elif self._overload_s:
             self._overload_s = max(0.0, self._overload_s - dt_s)
-        if self._overload_s > _OVERLOAD_TIME_S:
+        if self._overload_s > longest_s:
             bits |= EmulatedHardwareError.OVERLOAD
         if bits != settings.error_bits:
             self.registers.put("hardware_error_status", bits)
@@ -390,13 +395,13 @@ class EmulatedServo:
             PresentValues(
                 realtime_tick=int((now_s - self._powered_since_s) * 1000.0) % _TICK_MODULO,
                 moving=int(self.moving()),
-                moving_status=int(in_position) | (profile if self._motion.profile_active else 0),
+                moving_status=int(in_position) | (profile if self.motion.profile_active else 0),
                 pwm=_within(round(sign * shaft.duty * PWM_FULL_SCALE), 16),
                 current=_within(round(sign * self._effort()), 16),
                 velocity=_within(velocity, 32),
                 position=_within(position, 32),
-                velocity_trajectory=_within(round(self._motion.velocity / PULSES_PER_S_PER_VELOCITY_UNIT), 32),
-                position_trajectory=_within(round(self._motion.position), 32),
+                velocity_trajectory=_within(round(self.motion.velocity / PULSES_PER_S_PER_VELOCITY_UNIT), 32),
+                position_trajectory=_within(round(self.motion.position), 32),
                 input_voltage=max(0, round(shaft.supply_v * 10.0)),
                 temperature=max(0, min(255, round(shaft.temperature_c))),
             )

@@ -68,6 +68,8 @@ class ServoPlace:
     """-1: the tendon comes off the other side, so that a negative rotation winds it."""
     limits_winding: bool = False
     """Which current an XL330 or XC330 limits: the winding's, or the supply's (see `EmulatedServo`)."""
+    trips_early: bool = False
+    """Its overload shutdown comes as early as a user saw one (see `EmulatedServo`)."""
 
 
 def default_chain() -> tuple[ServoPlace, ...]:
@@ -119,6 +121,7 @@ class CellPlant:
                 baud=place.baud,
                 return_delay_us=place.return_delay_us,
                 limits_winding=place.limits_winding,
+                trips_early=place.trips_early,
             )
             # Nobody knows how the spool stood when the power came on; the spool is turned to a few hundredths.
             servo.shaft.angle_rad = rng.uniform(-12.0, 12.0)

@@ -3,8 +3,8 @@
 
 Each sketch is described from its published source: the speed of Serial.begin, what setup() prints and how many
 conversions it averages before, what loop() prints, how many conversions that takes and how long it then waits. An
-HX711 makes 10 or 80 conversions a second (Avia data sheet, pin RATE). Opening the port of an Uno resets it (DTR), and
-its boot loader waits for a new sketch first.
+HX711 makes 10 or 80 conversions a second (Avia data sheet, pin RATE) by a clock of its own, which is quicker than that.
+Opening the port of an Uno resets it (DTR), and its boot loader waits for a new sketch first.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 _GRAVITY: Final = 9.81
 _POUND_N: Final = 4.4482216
+#: a chip's own clock, in data sheet's: olkal/HX711_ADC issues 29, 80, 98 show 92, 11.67 and 93.7 conversions a second
+CLOCK_RATIO: Final = 1.16
 #: what the emulated cell shows without a load
 OFFSET_COUNTS: Final = 84217.0
 
@@ -64,12 +66,15 @@ def _grams(force: float) -> float:
 
 
 def _bogde_setup() -> tuple[tuple[str, int, float], ...]:
-    shown = (("read: \t\t%d", 1), ("read average: \t\t%d", 20), ("get value: \t\t%d", 5), ("get units: \t\t%d.0", 5))
+    """Return what its setup() prints: read() and read_average() show the tare, get_value() and get_units() do not."""
+    raw = f"{OFFSET_COUNTS:.0f}"
+    before = (("read: \t\t", raw, 1), ("read average: \t\t", raw, 20), ("get value: \t\t", f"{raw}.00", 5))
+    after = (*before[:2], ("get value: \t\t", "0.00", 5))
     lines = [("HX711 Demo", 0, 0.0), ("Initializing the scale", 0, 0.0), ("Before setting up the scale:", 0, 0.0)]
-    lines += [(text % OFFSET_COUNTS, conversions, 0.0) for text, conversions in shown]
-    lines += [("After setting up the scale:", 10, 0.0)]
-    lines += [(text % 0, conversions, 0.0) for text, conversions in shown]
-    return (*lines, ("Readings:", 0, 0.0))
+    lines += [(text + shown, conversions, 0.0) for text, shown, conversions in before]
+    lines += [(f"get units: \t\t{raw}.0", 5, 0.0), ("After setting up the scale:", 10, 0.0)]
+    lines += [(text + shown, conversions, 0.0) for text, shown, conversions in after]
+    return (*lines, ("get units: \t\t0.0", 5, 0.0), ("Readings:", 0, 0.0))
 
 
 SKETCHES: Final[dict[str, Sketch]] = {
@@ -133,7 +138,7 @@ class EmulatedBoard:
     Args:
         cell: its load cell.
         sketch: of `SKETCHES`.
-        rate_hz: conversions a second, 10 or 80.
+        rate_hz: conversions a second by the data sheet, 10 or 80.
         boot_s: from the reset that opening the port is to setup().
     """
 
@@ -163,11 +168,11 @@ class EmulatedBoard:
         self._tare = None
         due = now_s + boot_s
         for text, conversions, delay_s in self._sketch.setup:
-            due += conversions / self._rate_hz + delay_s
+            due += self._converting_s(conversions) + delay_s
             self._said.append((due, text))
             due += self._wire_s(text)
         conversions, delay_s = self._sketch.settle
-        self._next_s = due + conversions / self._rate_hz + delay_s + self._sketch.conversions / self._rate_hz
+        self._next_s = due + self._converting_s(conversions + self._sketch.conversions) + delay_s
 
     def due_s(self) -> float | None:
         """When the next line goes out [s]."""
@@ -192,9 +197,13 @@ class EmulatedBoard:
             # The last thing before loop() that takes a force: between the two nothing can be seen of it.
             self._tare = force if self._sketch.tares and math.isfinite(force) else 0.0
         text = self._sketch.show(force - self._tare, raw)
-        period_s = max(self._sketch.conversions / self._rate_hz + self._sketch.delay_s, self._wire_s(text))
+        period_s = max(self._converting_s(self._sketch.conversions) + self._sketch.delay_s, self._wire_s(text))
         self._next_s = max((self._next_s or now_s) + period_s, now_s)
         return text
+
+    def _converting_s(self, conversions: int) -> float:
+        """[s] that so many conversions take."""
+        return conversions / (CLOCK_RATIO * self._rate_hz)
 
     def _wire_s(self, text: str) -> float:
         """[s] that a line is on the wire: Serial.print waits while its buffer is full."""
