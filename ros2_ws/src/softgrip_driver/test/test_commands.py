@@ -6,6 +6,7 @@ import csv
 import os
 import re
 import signal
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,8 @@ from softgrip_driver.commands.selftest import causes
 from softgrip_driver.dynamixel.adapter import latency_timer
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS
+from softgrip_driver.errors import LimitError
+from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.wizard.drive_setup import BusMeasurement
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import EmulatedServo
@@ -338,3 +341,33 @@ def test_calibrate_tension_refuses_a_servo_that_it_can_not_move_by_name(model, e
         calibrate_tension.main(["--port", "/dev/null", "--model", model, "--weights", "0.1", "0.3"])
     assert ended.value.code == 2
     assert expected in " ".join(capsys.readouterr().err.split())
+
+
+class GivesUp:
+    """A drive of which a reading shows that it pulls no more."""
+
+    tendons = ("tendon",)
+
+    def __init__(self, **shown):
+        self.is_on, self._shown, self._writes = False, shown, 0
+        self.bus = SimpleNamespace(clock=SimpleNamespace(now_s=lambda: 0.01 * self._writes))
+
+    def power(self, _tendon, on):
+        self.is_on = on
+
+    def write(self, _setpoints):
+        self._writes += 1
+
+    def read(self):
+        shown = self._shown if self._writes > 50 else {}
+        return {"tendon": DriveReading(0.0, 0.0, 0.0, 24.0, 1.0, 24.0, **shown)}
+
+
+@pytest.mark.parametrize(
+    ("shown", "text"), [({"faults": ("overload",)}, "found overload"), ({"powered": False}, "found its torque off")]
+)
+def test_a_servo_that_drops_a_weight_ends_the_calibration(shown, text):
+    drive = GivesUp(**shown)
+    with pytest.raises(LimitError, match=f"{text}; .*lighter weights"):
+        calibrate_tension.measure(drive, calibrate_tension.Weight(2.4), 60.0, 1.0, 0.003, 2)
+    assert not drive.is_on

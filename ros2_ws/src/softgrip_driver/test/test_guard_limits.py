@@ -258,6 +258,16 @@ def test_what_is_allowed_is_the_least_of_heat_and_overload() -> None:
     assert allowed.tension == pytest.approx(18.0)
 
 
+def test_a_load_of_the_motor_is_backed_off_and_said() -> None:
+    watch = GuardSet(LIMITS, 1000.0, DT)
+    while not (allowed := watch.allows(30.0, 20.0, 0.01, 0.45)).warnings:
+        assert allowed.tension == LIMITS.tension_soft
+    assert "36% of the motor's stall" in allowed.warnings[0]
+    for _ in range(500):
+        allowed = watch.allows(30.0, allowed.tension, 0.01, 0.45)
+    assert allowed.tension == LIMITS.tension_hold
+
+
 def test_a_hold_that_was_reduced_has_lost_no_tendon() -> None:
     watch, hold = GuardSet(LIMITS, 20.0, DT), Hold(0.02, 35.0)
     for t in times(0.3):

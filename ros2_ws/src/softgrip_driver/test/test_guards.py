@@ -11,6 +11,7 @@ from softgrip_driver.tendon.guards import (
     JumpGuard,
     MedianFilter,
     OverloadGuard,
+    ShutdownGuard,
     SlackGuard,
     StallGuard,
     ThermalGuard,
@@ -168,6 +169,68 @@ def test_overload_backs_off_in_the_time_of_its_differential_equation_and_never_b
     for _ in range(int(30.0 / DT)):
         guard.step(18.0, DT)
     assert not guard.backed_off
+
+
+@pytest.mark.parametrize(
+    ("load", "allowed_s"),
+    [(0.3601, 3.0), (0.41, 3.0 * 0.36 / 0.41), (0.72, 1.5), (0.355, math.inf), (math.nan, math.inf)],
+)
+def test_a_load_near_what_sets_off_a_shutdown_stands_for_seconds(load, allowed_s):
+    guard, time = ShutdownGuard(10.0), 0.0
+    while not guard.backed_off and time < 60.0:
+        guard.step(load, 20.0, 0.01)
+        time += 0.01
+    assert time == pytest.approx(min(allowed_s, 60.0), abs=0.03)
+    assert guard.backed_off == math.isfinite(allowed_s)
+
+
+@pytest.mark.parametrize("hidden", [0.0, 0.1, 0.25])
+@pytest.mark.parametrize("pulled", [0.37, 0.5, 0.7])
+def test_what_it_takes_away_ends_the_load_soon_and_gently_whatever_the_gears_add(hidden, pulled):
+    """A user saw a shutdown after 5 s above 40 %. The drive stalls at 50 N, and gears add to what is pulled."""
+    guard, stall, tension = ShutdownGuard(5.0), 50.0, 50.0 * pulled
+    above, seen = 0.0, []
+    for _ in range(6000):
+        load = tension / stall * (1.0 + hidden)
+        above += 0.01 * (load > 0.40)
+        seen.append(tension)
+        tension = min(50.0 * pulled, guard.step(load, tension, 0.01))
+    assert above < 4.0
+    assert tension / stall * (1.0 + hidden) == pytest.approx(0.32, abs=0.005)
+    falls = [before - after for before, after in zip(seen, seen[10:], strict=False)]
+    assert max(falls) < 0.06 * seen[0], "in a tenth of a second half of a grip is lost where a product slips"
+    assert sorted(seen, reverse=True) == seen, "it would pull and slip for ever"
+
+
+def test_a_little_is_left_in_any_case():
+    """A motor that pushes against something that jams shows a load without a tension."""
+    guard = ShutdownGuard(10.0)
+    for _ in range(1000):
+        allowed = guard.step(0.9, 0.0, 0.01)
+    assert allowed == 10.0
+
+
+def test_all_is_given_back_after_a_rest():
+    guard = ShutdownGuard(10.0)
+    while guard.step(0.6, 30.0, 0.01) == math.inf:
+        pass
+    rested = 0.0
+    while guard.backed_off:
+        guard.step(0.1, 5.0, 0.01)
+        rested += 0.01
+    assert rested == pytest.approx(30.0, abs=0.2)
+
+
+def test_loads_of_which_each_is_short_add_up():
+    """A servo's own watch may forget slowly; a second of rest makes up for a tenth of a second."""
+    guard = ShutdownGuard(10.0)
+    borne = 0.0
+    while not guard.backed_off:
+        for load in (0.3601, 0.1):
+            for _ in range(100):
+                guard.step(load, 25.0, 0.01)
+                borne += 0.01 * (load > 0.36 and not guard.backed_off)
+    assert borne == pytest.approx(3.3, abs=0.15)
 
 
 def test_limits_in_the_wrong_order_are_refused():

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from softgrip_driver.dynamixel.registers import OperatingMode
+from softgrip_driver.dynamixel.registers import MODELS, OperatingMode
 from softgrip_driver.tendon.gripper import MoveMode, Policies, StopPolicy
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveState, MoveOutcome
@@ -147,10 +147,11 @@ def test_a_servo_that_is_set_up_again_does_not_keep_the_others_waiting(holding):
     assert not {d.fault for one in seen for d in one.drives[1:]} - {""}
 
 
-def test_a_hard_pull_that_lasts_is_backed_off_before_the_servo_lets_go(bench):
-    """At the largest tension that may be asked for; (T / 20 N)^2 (1 - e^(-t / 20 s)) crosses 1 then.
+@pytest.mark.parametrize("bench", [{"model": "XC330-M288", "radius": 0.008}], indirect=True)
+def test_a_hard_pull_that_lasts_is_backed_off_before_the_winding_is_too_hot(bench):
+    """The largest tension that may be asked for is a third of this stall, for which no servo shuts down.
 
-    By the driver's own estimate of T, which the data sheet gives to 15 %; here it is too high, so that it comes early.
+    (T / 20 N)^2 (1 - e^(-t / 20 s)) crosses 1 then, by the driver's own estimate of T: a data sheet gives it to 15 %.
     """
     bench.hold_taut(0.0)
     asked, lasting = TendonLimits().tension_soft, Policies().continuous_tension
@@ -158,8 +159,8 @@ def test_a_hard_pull_that_lasts_is_backed_off_before_the_servo_lets_go(bench):
     assert outcome is MoveOutcome.REACHED, reason
     held = float(bench.plant.bank.tension_n[0])
     began = bench.now()
-    assert bench.until(lambda _: any("backed off" in text for text in bench.drive("index").warnings), 12.0)
-    earliest, latest = (-20.0 * np.log(1.0 - (lasting / tension) ** 2) for tension in (1.15 * held, held))
+    assert bench.until(lambda _: any("backed off" in text for text in bench.drive("index").warnings), 20.0)
+    earliest, latest = (-20.0 * np.log(1.0 - (lasting / tension) ** 2) for tension in (1.15 * held, held / 1.15))
     assert earliest - 0.5 < bench.now() - began < latest + 0.5
     assert held > 0.9 * asked
     bench.pass_time(0.4)
@@ -167,12 +168,38 @@ def test_a_hard_pull_that_lasts_is_backed_off_before_the_servo_lets_go(bench):
     bench.world.live(lambda _: tensions.append(float(bench.plant.bank.tension_n[0])))
     bench.pass_time(1.5)
     # What the gears' friction hides, and the error of the torque constant.
-    assert min(tensions) > 0.75 * 0.9 * lasting
-    assert max(tensions) < 1.3 * 0.9 * lasting
+    model = MODELS[bench.model]
+    hidden = model.no_load_current * model.torque_per_ampere / bench.radius
+    assert min(tensions) > 0.85 * 0.9 * lasting - hidden
+    assert max(tensions) < 1.15 * 0.9 * lasting + hidden
     # At its limit the winding cools and carries more, until the drive slips by a count of its encoder.
     assert max(tensions) - min(tensions) < 1.0, "a finger that stands is at rest"
     assert torque(bench) == [True] * 3
     assert bench.drive("index").fault == ""
+
+
+EARLY = {"trips_early": True}
+
+
+@pytest.mark.parametrize(
+    ("bench", "asked"),
+    [(EARLY, 28.0), (EARLY, 35.0), (EARLY | {"model": "XC330-M288", "radius": 0.015}, 35.0)],
+    indirect=["bench"],
+)
+def test_no_pull_that_may_be_asked_for_sets_off_the_servo_s_own_shutdown(bench, asked):
+    """Beyond 40 % of its stall such a servo lets go after 5 s, as a user saw it (docs/emulator.md)."""
+    bench.hold_taut(0.0)
+    bench.run(bench.move([asked], 0.03, tendons=["index"], mode=MoveMode.TENSION))
+    tensions = []
+    bench.world.live(lambda _: tensions.append(float(bench.plant.bank.tension_n[0])))
+    bench.pass_time(12.0)
+    assert torque(bench) == [True] * 3
+    assert bench.drive("index").fault == ""
+    stall = MODELS[bench.model].stall_torque / bench.radius
+    assert max(tensions) > 0.40 * stall
+    assert any("before the servo lets go" in text for text in bench.drive("index").warnings)
+    # What the shutdown, and the heat of the winding, leave.
+    assert min(tensions) > 0.75 * min(0.32 * stall, 0.9 * Policies().continuous_tension)
 
 
 @pytest.mark.parametrize("lost", ["order", "answer"])

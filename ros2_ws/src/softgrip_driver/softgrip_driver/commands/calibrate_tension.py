@@ -28,11 +28,12 @@ from softgrip_driver.dynamixel.backend import DynamixelBackend
 from softgrip_driver.dynamixel.bringup import ServoConfiguration
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS, CurrentSensing, ServoModel
-from softgrip_driver.errors import ConfigurationError
+from softgrip_driver.errors import ConfigurationError, LimitError
 from softgrip_driver.feetech import registers as feetech_registers
 from softgrip_driver.rig.build import make_gauge
 from softgrip_driver.rig.devices import Gauge
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
+from softgrip_driver.tendon.guards import ShutdownGuard
 from softgrip_driver.tendon.safety_store import check_port_is_free_to_move
 from softgrip_driver.tendon.units import Spool, TorqueModel, fit_torque_model
 from softgrip_driver.tendon.winding import MotorReading, Winding, fit_winding
@@ -97,7 +98,7 @@ def measure(
         paces: shares of the speed, one round after the other.
 
     Raises:
-        DriverError: of servo or gauge; the servo is let go on every path.
+        DriverError: of servo or gauge, or the servo lets go by itself; it is let go on every path.
     """
     (name,) = backend.tendons
     samples: list[TensionSample] = []
@@ -110,6 +111,7 @@ def measure(
             ramp = _Ramp(here, pace, 1.2 * tension, backend.bus.clock)
             while True:
                 reading = ramp.follow(backend, PERIOD)
+                check_it_pulls(reading, name)
                 here, force = ramp.goal(), gauge.tension()
                 if ramp.elapsed() > TURNING and abs(reading.velocity) > 0.3 * abs(pace):
                     samples.append(_sampled(backend.motor(name), reading.velocity, force))
@@ -121,6 +123,16 @@ def measure(
     finally:
         backend.power(name, False)
     return samples
+
+
+def check_it_pulls(reading: DriveReading, tendon: str) -> None:
+    """Raise LimitError where a servo has let go by itself: a falling weight is no calibration."""
+    if reading.faults or reading.powered is False:
+        found = ", ".join(reading.faults) or "its torque off"
+        raise LimitError(
+            f"tendon '{tendon}': expected it to go on pulling, found {found}; reboot it, let it cool, and take lighter "
+            "weights, a lower --tension or a higher --speed"
+        )
 
 
 def _sampled(motor: MotorReading, velocity: float, force: float) -> TensionSample:
@@ -276,8 +288,12 @@ def _measured_with_gauge(backend: DynamixelBackend, options: argparse.Namespace)
 def _measured_with_weights(backend: DynamixelBackend, options: argparse.Namespace) -> list[TensionSample]:
     backend.connect()
     samples: list[TensionSample] = []
+    model = MODELS[options.model]
+    lasting_kg = ShutdownGuard.MAX_LOAD * model.stall_torque / options.radius / GRAVITY
     for mass in chain.from_iterable(options.weights):
         weight = Weight(mass)
+        if mass > lasting_kg:
+            print(f"# of more than {lasting_kg:.1f} kg a {model.name} may let go after some seconds: stand clear")
         input(f"hang {mass:g} kg on the tendon, so that it swings free, then press Enter: ")
         # Never turned round by tension: the servo's own estimate is what is to be measured.
         limit = 2.0 * weight.tension() + 10.0

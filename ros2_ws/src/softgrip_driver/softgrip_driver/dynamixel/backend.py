@@ -365,7 +365,7 @@ class DynamixelBackend(BusBackend[ServoState]):
         return DriveReading(
             now, position, velocity, max(0.0, pull), stddev, pull, current,
             live.values.get("temperature", math.nan), live.values.get("voltage", math.nan),
-            powered, live.mark, faults, "", live.hardware_error,
+            powered, live.mark, faults, "", live.hardware_error, abs(current) / servo.model.stall_current,
         )  # fmt: skip
 
     def _missed(self, live: ServoState, now: float) -> None:

@@ -62,6 +62,8 @@ class DriveReading:
         faults: names of the fault table that the device itself reports.
         fault_detail: what it said, in words; empty where the raw error bits tell all.
         hardware_error: raw error bits.
+        load: share of its stall torque that the motor exerts, so that the drive backs off before a servo's own overload
+            shutdown; NaN where that share is not what sets one off, or is not known.
     """
 
     time: float
@@ -78,6 +80,7 @@ class DriveReading:
     faults: tuple[str, ...] = ()
     fault_detail: str = ""
     hardware_error: int = 0
+    load: float = math.nan
 
 
 @dataclass(frozen=True)

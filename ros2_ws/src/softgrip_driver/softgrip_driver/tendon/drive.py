@@ -458,7 +458,7 @@ class Drive:
         return None
 
     def _tension_cap(self, reading: DriveReading, dt: float) -> float:
-        allowed = self._watch.allows(reading.temperature, self._tension, dt)
+        allowed = self._watch.allows(reading.temperature, self._tension, dt, reading.load)
         self._warnings = allowed.warnings
         if allowed.too_hot:
             self.set_fault("over_temperature", allowed.too_hot)

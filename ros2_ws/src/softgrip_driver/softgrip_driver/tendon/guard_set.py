@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from softgrip_driver.tendon.backend import DriveReading
@@ -11,6 +12,7 @@ from softgrip_driver.tendon.guards import (
     JumpGuard,
     MedianFilter,
     OverloadGuard,
+    ShutdownGuard,
     SlackGuard,
     TensionGuard,
     ThermalGuard,
@@ -21,7 +23,7 @@ from softgrip_driver.tendon.motions import DriveObservation, Motion
 
 @dataclass(frozen=True)
 class Allowance:
-    """What heat allows now.
+    """What heat and load allow now.
 
     Attributes:
         tension: [N] the most.
@@ -53,6 +55,7 @@ class GuardSet:
         self._too_much = TensionGuard(limits)
         self._thermal = ThermalGuard(limits)
         self._overload = OverloadGuard(continuous_tension)
+        self._shutdown = ShutdownGuard(limits.tension_hold)
 
     def forget_jump(self) -> None:
         """Believe the next position, wherever it is."""
@@ -80,16 +83,22 @@ class GuardSet:
         """Return the tension [N] without single wild samples."""
         return self._filter.step(reading.tension)
 
-    def allows(self, temperature: float, tension: float, dt: float) -> Allowance:
-        """Return what is allowed at a temperature [degC] after holding a tension [N] for ``dt`` [s]."""
+    def allows(self, temperature: float, tension: float, dt: float, load: float = math.nan) -> Allowance:
+        """Return what is allowed at a temperature [degC] after holding a tension [N] for ``dt`` [s].
+
+        ``load`` is the share of its stall torque that this takes of the motor, NaN where nobody knows.
+        """
         share = self._thermal.step(temperature)
-        maximum = self._overload.step(tension, dt)
+        maximum = min(self._overload.step(tension, dt), self._shutdown.step(load, tension, dt))
         warnings: tuple[str, ...] = ()
         if share < 1.0:
             warnings += (f"{temperature:.0f} degC: tension limited to {share:.0%}",)
         if self._overload.backed_off:
-            text = f"held more than {self._continuous:.0f} N for long: tension backed off before the servo lets go"
+            text = f"held more than {self._continuous:.0f} N for long: tension backed off before the winding is too hot"
             warnings += (text,)
+        if self._shutdown.backed_off:
+            share_of_stall = f"{ShutdownGuard.MAX_LOAD:.0%} of the motor's stall"
+            warnings += (f"held more than {share_of_stall} for long: tension backed off before the servo lets go",)
         too_hot = f"{temperature:.0f} degC, limit {self._limits.stop_at:.0f} degC" if self._thermal.tripped else ""
         return Allowance(min(share * self._limits.tension_soft, maximum), too_hot, warnings)
 

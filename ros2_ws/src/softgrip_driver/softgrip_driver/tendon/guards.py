@@ -312,9 +312,9 @@ class ThermalGuard:
 
 
 class OverloadGuard:
-    """Backs the tension off before the servo's own overload shutdown would drop the object.
+    """Backs the tension off before the winding becomes too hot to hold at all.
 
-    First-order estimate of the winding's heat: h' = ((T / T_c)^2 - h) / tau, allowed up to 1; T_c is the tension that
+    First-order estimate of its heat: h' = ((T / T_c)^2 - h) / tau, allowed up to 1; T_c is the tension that
     the drive holds for ever.
     """
 
@@ -336,3 +336,51 @@ class OverloadGuard:
         elif self.heat < self.RECOVERED:
             self.backed_off = False
         return 0.9 * self._continuous if self.backed_off else math.inf
+
+
+class ShutdownGuard:
+    """Takes tension away before a servo's own overload shutdown would drop the object.
+
+    No data sheet says when that comes. A user saw it at 41 % of the stall current after "around 5s"
+    (ROBOTIS-GIT/DynamixelSDK issue 285), others at more after 10 to 20 s. So nine tenths of that load may stand for
+    three seconds, more for less, and then the tension sinks until the load may last; slowly, as a tension that falls at
+    once looks like a lost product. It is given back after a rest only: else the drive would pull and slip for ever.
+
+    Args:
+        floor: [N] that is left in any case.
+    """
+
+    #: shares of the stall torque: what may stand for `MAX_TIME` [s] alone, what may last, and below what it is a rest
+    MAX_LOAD, LASTING_LOAD, REST_LOAD = 0.36, 0.32, 0.18
+    MAX_TIME = 3.0
+    #: [s] of `MAX_TIME` that a second below `MAX_LOAD` makes up for
+    RECOVERY = 0.1
+    #: [1/s] of the tension that sinks
+    SINKING = 0.5
+
+    def __init__(self, floor: float) -> None:
+        self._floor = floor
+        self._borne = 0.0
+        self._from = self._maximum = math.inf
+
+    @property
+    def backed_off(self) -> bool:
+        """Whether it allows less than was asked for."""
+        return self._maximum < math.inf
+
+    def step(self, load: float, tension: float, dt: float) -> float:
+        """Return the largest tension [N] allowed now, after ``dt`` [s] at a load (share of the stall torque).
+
+        A load that is not known (NaN) counts as none.
+        """
+        if load > self.MAX_LOAD:
+            self._borne = min(self.MAX_TIME, self._borne + load / self.MAX_LOAD * dt)
+        else:
+            self._borne = max(0.0, self._borne - self.RECOVERY * dt)
+        if self._borne >= self.MAX_TIME and not self.backed_off:
+            self._from = self._maximum = max(tension, self._floor)
+        if self.backed_off and load > self.LASTING_LOAD:
+            self._maximum = max(self._floor, self._maximum - self.SINKING * self._from * dt)
+        elif self._borne <= 0.0 and not load > self.REST_LOAD:
+            self._maximum = math.inf
+        return self._maximum
