@@ -58,6 +58,8 @@ class Row:
         is_warm: the windings are warm.
         torque_constant: [N m/A] of the motors; None: the data sheet's.
         silence_s: [s] for which the bus is silent, four times a second, while the drives home.
+        stiffness: of position control, relative to the e-manual's.
+        winding_time_factor: of the windings' own thermal time constant.
     """
 
     fact: str
@@ -68,6 +70,8 @@ class Row:
     is_warm: bool = False
     torque_constant: float | None = None
     silence_s: float = 0.0
+    stiffness: float = 1.0
+    winding_time_factor: float = 1.0
 
 
 ROWS = (
@@ -79,6 +83,9 @@ ROWS = (
     Row("Present PWM as asked for, not as applied, driver as now", shows_asked_duty=True),
     Row("windings 45 K warmer, sensor 20 K, driver as now", is_warm=True),
     Row("0.386 N m/A, as Rhoban/bam identified, driver as now", torque_constant=0.386),
+    Row("position control half as stiff, as Rhoban/bam saw it, driver as now", stiffness=0.5),
+    Row("windings of 5.5 s, as Faulhaber has them, not 12, driver as now", winding_time_factor=0.46),
+    Row("the last three together, driver as now", torque_constant=0.386, stiffness=0.5, winding_time_factor=0.46),
     Row("bus silent for 0.3 s, four times a second, while it homes", silence_s=0.3),
 )
 #: the driver as it is now
@@ -95,19 +102,22 @@ def cell_of(row: Row) -> VirtualCell:
         servo.model = replace(servo.model, senses=row.senses.value)
         if row.is_warm:
             servo.shaft.winding_c, servo.shaft.temperature_c = WARM_C
+        servo.motion.stiffness = row.stiffness
         if row.shows_asked_duty:
             show_asked_duty(servo)
-    if row.torque_constant is not None:
-        cell.plant.motors = [with_torque_constant(motor, row.torque_constant) for motor in cell.plant.motors]
+    cell.plant.motors = [motor_of(row, motor) for motor in cell.plant.motors]
     cell.plant.grasp.lifts_itself = False
     return cell
 
 
-def with_torque_constant(motor: Motor, constant: float) -> Motor:
-    """Return a motor on the same shaft with another torque constant [N m/A]: it is stronger at stall."""
-    of_data_sheet = motor.ratings
-    stall_nm = constant * of_data_sheet.stall_current_a - of_data_sheet.gear_friction_nm
-    ratings = replace(of_data_sheet, stall_torque_nm=stall_nm)
+def motor_of(row: Row, motor: Motor) -> Motor:
+    """Return a motor on the same shaft, as a row has it; one with another torque constant is stronger at stall."""
+    ratings = motor.ratings
+    capacity = row.winding_time_factor * ratings.winding_capacity_j_per_k
+    if row.torque_constant is not None:
+        stall_nm = row.torque_constant * ratings.stall_current_a - ratings.gear_friction_nm
+        ratings = replace(ratings, stall_torque_nm=stall_nm)
+    ratings = replace(ratings, winding_capacity_j_per_k=capacity)
     return Motor(ratings, motor.shaft, motor.spool_radius_m, motor.friction_factor)
 
 
