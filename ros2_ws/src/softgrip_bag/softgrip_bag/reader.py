@@ -27,7 +27,7 @@ _DIGITS = 16
 _BLOCK = 1 << 20  # [byte] read at a time
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class RawMessage:
     """One recorded message: times in ns since the epoch, ``data`` CDR with its header."""
 

@@ -22,12 +22,16 @@ def snapshot_seconds(seconds: float) -> float:
     return seconds
 
 
+#: [byte] that a waiting message takes beside its data: the object, its two times, and what `bytes` has itself
+MESSAGE_BYTES = 200
+
+
 class Ring:
     """Keeps what was received in the last seconds, and the last message of each latched topic for ever.
 
     Args:
         seconds: [s] how long; 0 = only latched topics.
-        capacity_bytes: [byte] the oldest goes when there is more.
+        capacity_bytes: [byte] of memory; the oldest goes when there is more.
     """
 
     def __init__(self, seconds: float, capacity_bytes: int) -> None:
@@ -45,10 +49,10 @@ class Ring:
         if self._length == 0:
             return
         self._messages.append(message)
-        self._bytes += len(message.data)
+        self._bytes += len(message.data) + MESSAGE_BYTES
         while self._bytes > self._capacity or self._messages[0].received < message.received - self._length:
             oldest = self._messages.popleft()
-            self._bytes -= len(oldest.data)
+            self._bytes -= len(oldest.data) + MESSAGE_BYTES
             if oldest.topic in self._latched:
                 self._before[oldest.topic] = oldest
 

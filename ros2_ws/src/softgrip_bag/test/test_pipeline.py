@@ -222,11 +222,20 @@ def test_the_ring_keeps_the_last_seconds_and_the_latched_ones() -> None:
     assert [m.topic for m in ring.latched()] == ["/mode"]
 
 
-def test_the_ring_stays_within_its_memory() -> None:
-    ring = Ring(seconds=1e6, capacity_bytes=3 * len(HI))
-    for received in range(10):
-        ring.add(message(received), latched=False)
-    assert [m.received for m in ring.last()] == [7, 8, 9]
+@pytest.mark.parametrize("size", [1, 1000])
+def test_the_ring_stays_within_its_memory(size: int) -> None:
+    """A stranger's many small messages take more beside their data than the data."""
+    ring, count = Ring(seconds=1e6, capacity_bytes=1_000_000), 20_000
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        for received in range(10**9, 10**9 + count):
+            ring.add(RawMessage("/a", "std_msgs/msg/String", received, received + 1, bytes(size)), latched=False)
+        grown = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    assert 800_000 < grown < 1_050_000
+    assert ring.last()[-1].received == 10**9 + count - 1
 
 
 def test_gaps_between_sequence_numbers_are_losses_per_publisher() -> None:
