@@ -55,7 +55,7 @@ _ROWS = (
     Fault("input_voltage", Reaction.HOLD, Recovery.SELF, "supply voltage out of range",
           "check the supply and its cable length; where it stays, estop_reset (the servo restarts), then home"),
     Fault("overload", Reaction.HOLD, Recovery.HOME, "the servo cut its torque after an overload",
-          "lower the tension limit, look for a jam; then home"),
+          "lower the tension limit, look for a jam, set max_load_share to 0.36; then home"),
     Fault("overheated", Reaction.HOLD, Recovery.HOME, "the servo cut its torque because of heat",
           "let it cool down, then home"),
     Fault("electrical_shock", Reaction.LET_GO, Recovery.HOME, "the servo reports an electrical shock or a weak supply",

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -259,7 +260,7 @@ def test_what_is_allowed_is_the_least_of_heat_and_overload() -> None:
 
 
 def test_a_load_of_the_motor_is_backed_off_and_said() -> None:
-    watch = GuardSet(LIMITS, 1000.0, DT)
+    watch = GuardSet(replace(LIMITS, max_load=0.36), 1000.0, DT)
     while not (allowed := watch.allows(30.0, 20.0, 0.01, 0.45)).warnings:
         assert allowed.tension == LIMITS.tension_soft
     assert "36% of the motor's stall" in allowed.warnings[0]

@@ -176,7 +176,7 @@ def test_overload_backs_off_in_the_time_of_its_differential_equation_and_never_b
     [(0.3601, 3.0), (0.41, 3.0 * 0.36 / 0.41), (0.72, 1.5), (0.355, math.inf), (math.nan, math.inf)],
 )
 def test_a_load_near_what_sets_off_a_shutdown_stands_for_seconds(load, allowed_s):
-    guard, time = ShutdownGuard(10.0), 0.0
+    guard, time = ShutdownGuard(0.36, 10.0), 0.0
     while not guard.backed_off and time < 60.0:
         guard.step(load, 20.0, 0.01)
         time += 0.01
@@ -188,7 +188,7 @@ def test_a_load_near_what_sets_off_a_shutdown_stands_for_seconds(load, allowed_s
 @pytest.mark.parametrize("pulled", [0.37, 0.5, 0.7])
 def test_what_it_takes_away_ends_the_load_soon_and_gently_whatever_the_gears_add(hidden, pulled):
     """A user saw a shutdown after 5 s above 40 %. The drive stalls at 50 N, and gears add to what is pulled."""
-    guard, stall, tension = ShutdownGuard(5.0), 50.0, 50.0 * pulled
+    guard, stall, tension = ShutdownGuard(0.36, 5.0), 50.0, 50.0 * pulled
     above, seen = 0.0, []
     for _ in range(6000):
         load = tension / stall * (1.0 + hidden)
@@ -196,22 +196,27 @@ def test_what_it_takes_away_ends_the_load_soon_and_gently_whatever_the_gears_add
         seen.append(tension)
         tension = min(50.0 * pulled, guard.step(load, tension, 0.01))
     assert above < 4.0
-    assert tension / stall * (1.0 + hidden) == pytest.approx(0.32, abs=0.005)
+    assert tension / stall * (1.0 + hidden) == pytest.approx(0.9 * 0.36, abs=0.005)
     falls = [before - after for before, after in zip(seen, seen[10:], strict=False)]
     assert max(falls) < 0.06 * seen[0], "in a tenth of a second half of a grip is lost where a product slips"
     assert sorted(seen, reverse=True) == seen, "it would pull and slip for ever"
 
 
+def test_without_a_largest_load_nothing_is_taken_away():
+    guard = ShutdownGuard(1.0, 10.0)
+    assert {guard.step(1.2, 30.0, 0.01) for _ in range(1000)} == {math.inf}
+
+
 def test_a_little_is_left_in_any_case():
     """A motor that pushes against something that jams shows a load without a tension."""
-    guard = ShutdownGuard(10.0)
+    guard = ShutdownGuard(0.36, 10.0)
     for _ in range(1000):
         allowed = guard.step(0.9, 0.0, 0.01)
     assert allowed == 10.0
 
 
 def test_all_is_given_back_after_a_rest():
-    guard = ShutdownGuard(10.0)
+    guard = ShutdownGuard(0.36, 10.0)
     while guard.step(0.6, 30.0, 0.01) == math.inf:
         pass
     rested = 0.0
@@ -223,7 +228,7 @@ def test_all_is_given_back_after_a_rest():
 
 def test_loads_of_which_each_is_short_add_up():
     """A servo's own watch may forget slowly; a second of rest makes up for a tenth of a second."""
-    guard = ShutdownGuard(10.0)
+    guard = ShutdownGuard(0.36, 10.0)
     borne = 0.0
     while not guard.backed_off:
         for load in (0.3601, 0.1):

@@ -15,8 +15,8 @@ CURRENT = OperatingMode.CURRENT_BASED_POSITION
 RADIUS_M = 0.010
 #: an XL330's table allows less, but not with the shipped bus watchdog
 SHIPPED_RATE_HZ = 100.0
-#: [s] longer than a servo's own overload shutdown takes, an early one, too
-HOLDS_S, TRIMMED_S = 6.0, 2.0
+#: [s] longer than a servo's own overload shutdown takes
+HOLDS_S, TRIMMED_S = 4.0, 2.0
 PROVEN = (
     "XL330-M288",
     "XC330-M288",
@@ -39,7 +39,7 @@ def bench_of(name, radius=RADIUS_M):
     limits = fitted_limits(TendonLimits(no_reply=0.05), MODELS[name], radius)
     mode = OperatingMode.EXTENDED_POSITION if MODELS[name].senses is CurrentSensing.NONE else CURRENT
     rate = max(needs.loop_rate, SHIPPED_RATE_HZ)
-    return {"model": name, "mode": mode, "limits": limits, "rate": rate, "radius": radius, "trips_early": True}
+    return {"model": name, "mode": mode, "limits": limits, "rate": rate, "radius": radius}
 
 
 @pytest.mark.parametrize(

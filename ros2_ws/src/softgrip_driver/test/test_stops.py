@@ -178,7 +178,7 @@ def test_a_hard_pull_that_lasts_is_backed_off_before_the_winding_is_too_hot(benc
     assert bench.drive("index").fault == ""
 
 
-EARLY = {"trips_early": True}
+EARLY = {"trips_early": True, "limits": TendonLimits(no_reply=0.05, max_load=0.36)}
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,7 @@ def test_no_pull_that_may_be_asked_for_sets_off_the_servo_s_own_shutdown(bench, 
     assert max(tensions) > 0.40 * stall
     assert any("before the servo lets go" in text for text in bench.drive("index").warnings)
     # What the shutdown, and the heat of the winding, leave.
-    assert min(tensions) > 0.75 * min(0.32 * stall, 0.9 * Policies().continuous_tension)
+    assert min(tensions) > 0.75 * min(0.9 * 0.36 * stall, 0.9 * Policies().continuous_tension)
 
 
 @pytest.mark.parametrize("lost", ["order", "answer"])

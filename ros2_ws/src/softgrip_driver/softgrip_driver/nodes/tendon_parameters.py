@@ -26,6 +26,7 @@ _LIMIT_TEXTS: dict[str, tuple[str, str, float, float]] = {
     "max_following_error": ("the set-point may run ahead of the drive", "m", 1e-4, 0.05),
     "position_tolerance": ("within which a target counts as reached", "m", 1e-5, 0.01),
     "tension_tolerance": ("within which a tension counts as reached, relative", "", 0.01, 0.5),
+    "max_load": ("of a Dynamixel's stall torque, borne for long; 1 = any, 0.36 where servos shut down", "", 0.05, 1.0),
     "temperature_limit": ("of the servo; derated from 15 below it, stopped 5 below it", "degC", 30.0, 100.0),
     "no_reply": ("without an answer before a drive counts as lost", "s", 0.01, 10.0),
     "homing_tension": ("at which a tendon counts as taut", "N", 0.1, 50.0),

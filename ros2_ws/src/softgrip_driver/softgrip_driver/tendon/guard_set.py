@@ -55,7 +55,7 @@ class GuardSet:
         self._too_much = TensionGuard(limits)
         self._thermal = ThermalGuard(limits)
         self._overload = OverloadGuard(continuous_tension)
-        self._shutdown = ShutdownGuard(limits.tension_hold)
+        self._shutdown = ShutdownGuard(limits.max_load, limits.tension_hold)
 
     def forget_jump(self) -> None:
         """Believe the next position, wherever it is."""
@@ -97,8 +97,8 @@ class GuardSet:
             text = f"held more than {self._continuous:.0f} N for long: tension backed off before the winding is too hot"
             warnings += (text,)
         if self._shutdown.backed_off:
-            share_of_stall = f"{ShutdownGuard.MAX_LOAD:.0%} of the motor's stall"
-            warnings += (f"held more than {share_of_stall} for long: tension backed off before the servo lets go",)
+            text = f"held more than {self._limits.max_load:.0%} of the motor's stall for long"
+            warnings += (f"{text}: tension backed off before the servo lets go",)
         too_hot = f"{temperature:.0f} degC, limit {self._limits.stop_at:.0f} degC" if self._thermal.tripped else ""
         return Allowance(min(share * self._limits.tension_soft, maximum), too_hot, warnings)
 

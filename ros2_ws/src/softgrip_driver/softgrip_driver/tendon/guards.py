@@ -347,18 +347,21 @@ class ShutdownGuard:
     once looks like a lost product. It is given back after a rest only: else the drive would pull and slip for ever.
 
     Args:
+        max_load: share of the stall torque that may stand for `MAX_TIME` alone; 1 = any.
         floor: [N] that is left in any case.
     """
 
-    #: shares of the stall torque: what may stand for `MAX_TIME` [s] alone, what may last, and below what it is a rest
-    MAX_LOAD, LASTING_LOAD, REST_LOAD = 0.36, 0.32, 0.18
+    #: [s]
     MAX_TIME = 3.0
-    #: [s] of `MAX_TIME` that a second below `MAX_LOAD` makes up for
+    #: shares of the largest load: what may last, and below what it is a rest
+    LASTING, REST = 0.9, 0.5
+    #: [s] of `MAX_TIME` that a second below the largest load makes up for
     RECOVERY = 0.1
     #: [1/s] of the tension that sinks
     SINKING = 0.5
 
-    def __init__(self, floor: float) -> None:
+    def __init__(self, max_load: float, floor: float) -> None:
+        self._max_load = max_load if max_load < 1.0 else math.inf
         self._floor = floor
         self._borne = 0.0
         self._from = self._maximum = math.inf
@@ -373,14 +376,15 @@ class ShutdownGuard:
 
         A load that is not known (NaN) counts as none.
         """
-        if load > self.MAX_LOAD:
-            self._borne = min(self.MAX_TIME, self._borne + load / self.MAX_LOAD * dt)
+        relative = load / self._max_load
+        if relative > 1.0:
+            self._borne = min(self.MAX_TIME, self._borne + relative * dt)
         else:
             self._borne = max(0.0, self._borne - self.RECOVERY * dt)
         if self._borne >= self.MAX_TIME and not self.backed_off:
             self._from = self._maximum = max(tension, self._floor)
-        if self.backed_off and load > self.LASTING_LOAD:
+        if self.backed_off and relative > self.LASTING:
             self._maximum = max(self._floor, self._maximum - self.SINKING * self._from * dt)
-        elif self._borne <= 0.0 and not load > self.REST_LOAD:
+        elif self._borne <= 0.0 and not relative > self.REST:
             self._maximum = math.inf
         return self._maximum

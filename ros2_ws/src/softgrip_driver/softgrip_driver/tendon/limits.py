@@ -26,6 +26,7 @@ class TendonLimits:
         max_following_error: [m] by which the set-point may run ahead of the drive.
         position_tolerance: [m] within which a target counts as reached.
         tension_tolerance: relative, for moves to a tension.
+        max_load: share of a servo's stall torque that it bears for long before its own overload shutdown; 1 = any.
         temperature_limit: [degC] of the device; derating starts 15 below it, the stop is 5 below it.
         no_reply: [s] without an answer before the drive counts as lost.
         homing_tension: [N] at which the tendon counts as taut; homing_speed [m/s]; homing_travel [m] cap;
@@ -47,6 +48,7 @@ class TendonLimits:
     max_following_error: float = 0.006
     position_tolerance: float = 3e-4
     tension_tolerance: float = 0.1
+    max_load: float = 1.0
     temperature_limit: float = 70.0
     no_reply: float = 0.05
     homing_tension: float = 1.5
@@ -93,6 +95,7 @@ LIMIT_PARAMETERS: dict[str, str] = {
     "max_following_error": "max_following_error_m",
     "position_tolerance": "position_tolerance_m",
     "tension_tolerance": "tension_tolerance",
+    "max_load": "max_load_share",
     "temperature_limit": "temperature_limit_degc",
     "no_reply": "no_reply_s",
     "homing_tension": "homing_tension_n",
