@@ -3,7 +3,7 @@
 
 import pytest
 
-from softgrip_driver.tendon.motions import DriveObservation, MotionStep
+from softgrip_driver.tendon.motions import DriveObservation, MotionStep, MoveOutcome
 from softgrip_driver.tendon.trim import Trim
 
 DT = 0.01  # [s]
@@ -34,3 +34,15 @@ def test_next_to_its_goal_a_drive_is_corrected_as_slowly_in_as_out(error_m):
     view = DriveObservation(0.0, DT, 0.010 - error_m, 0.0, tension=5.0, pull=5.0, tension_cap=45.0)
     trim.step(MotionStep(0.010, 35.0), view)
     assert trim.value - 1e-3 == pytest.approx(Trim.RATE * error_m * DT)
+
+
+def test_a_servo_half_as_stiff_as_its_manual_says_closes_quickly_all_the_same(bench):
+    """Rhoban's bam project saw that of an XL330 (docs/emulator.md); the thumb's tendon needs some 28 N at 15 mm."""
+    for servo in bench.plant.servos:
+        servo.motion.stiffness = 0.5
+    bench.loop.power(on=True)
+    outcome, reason = bench.run(bench.loop.call(lambda c, now: c.home(now)), 30.0)
+    assert outcome is MoveOutcome.REACHED, reason
+    outcome, reason = bench.run(bench.move([0.015], 0.05))
+    assert outcome is MoveOutcome.REACHED, reason
+    assert bench.plant.bank.tension_n.max() > 25.0

@@ -135,11 +135,14 @@ def corrected(trim: Trim, error: float, seconds: float, tension: float = 5.0) ->
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_correction_goes_towards_the_target_and_ends_at_3_mm(way: float) -> None:
+@pytest.mark.parametrize(("tension", "end"), [(0.0, 3e-3), (15.0, 4.5e-3)])
+def test_a_correction_goes_towards_the_target_and_ends_at_3_mm_and_a_tenth_a_newton(
+    way: float, tension: float, end: float
+) -> None:
     """6 / s of the error: 1 mm makes 3 mm in half a second."""
     trim = Trim(max_following_error=0.006)
-    assert corrected(trim, way * 1e-3, 0.1) == pytest.approx(way * 0.6e-3)
-    assert corrected(trim, way * 1e-3, 5.0) == pytest.approx(way * 3e-3)
+    assert corrected(trim, way * 1e-3, 0.1, tension) == pytest.approx(way * 0.6e-3)
+    assert corrected(trim, way * 1e-3, 5.0, tension) == pytest.approx(way * end)
 
 
 def test_at_the_tension_limit_nothing_winds_up() -> None:

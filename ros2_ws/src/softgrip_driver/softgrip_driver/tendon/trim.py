@@ -18,6 +18,8 @@ class Trim:
     #: [1/s] and [m] of the integral
     RATE = 6.0
     MAX_TRIM_M = 3e-3
+    #: [m/N] more under tension: a servo half as stiff as its e-manual says needs 5 mm at 28 N (docs/emulator.md)
+    MORE_PER_N = 1e-4
     #: [1/s] at which it goes where its load is gone: the drive stands beyond its goal by more than [m]
     RATE_BACK = 25.0
     BEYOND = 2e-4
@@ -41,7 +43,12 @@ class Trim:
         if view.tension < MoveToLength.MET * step.tension_limit and abs(error) < self._max_following_error:
             loadless = error * self.value < 0.0 and abs(error) > self.BEYOND
             rate = self.RATE_BACK if loadless else self.RATE
-            self.value = max(-self.MAX_TRIM_M, min(self.MAX_TRIM_M, self.value + rate * error * view.dt))
+            most = self._most(view.tension)
+            self.value = max(-most, min(most, self.value + rate * error * view.dt))
+
+    def _most(self, tension: float) -> float:
+        """Return the largest correction [m] under a tension [N]."""
+        return self.MAX_TRIM_M + self.MORE_PER_N * tension
 
     def keep_pulling(self, ahead: float, speed: float, tension: float, maximum: float) -> None:
         """Become what goes on pulling a drive that shall stand where it is from now on.
@@ -54,5 +61,5 @@ class Trim:
             tension: [N] now.
             maximum: [N] to go on with.
         """
-        pulling = max(0.0, min(self.MAX_TRIM_M, ahead + self.value - NATURAL_LAG * speed))
+        pulling = max(0.0, min(self._most(tension), ahead + self.value - NATURAL_LAG * speed))
         self.value = pulling * min(1.0, maximum / max(tension, 1e-9))
