@@ -176,6 +176,7 @@ class McapFile:
         self._mcap.finish()
         self._sync()
         self._sink.close()
+        del self._mcap  # its chunks' indexes: a bag of many files must not keep those of all
         found = salvage.footer_counts(self.path)
         if found != +self.counts:
             raise BagError(

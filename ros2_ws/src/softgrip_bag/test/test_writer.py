@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -164,3 +165,27 @@ def test_each_file_of_a_bag_explains_itself_and_the_metadata_knows_all_at_any_ti
         assert facts(file)["softgrip_machine"] == {"system": "test"}
         assert [(a.name, a.data) for a in attachments(file)] == [("a.yaml", b"a: 1")]
     assert (writer.stored, writer.removed) == ({"/a": 1}, {"/a": 2})
+
+
+def test_a_bag_of_many_files_takes_the_memory_of_one(tmp_path: Path) -> None:
+    """An index of a chunk is some hundred bytes, four times a second for days."""
+    writer = BagWriter(tmp_path / "bag", limits=FileLimits(kept_files=10))
+    names = [f"/{number}" for number in range(30)]
+    for name in names:
+        writer.add_topic(Topic(name, "std_msgs/msg/String", HASH, "string data\n", (OfferedQos(),)))
+
+    def fill_a_file() -> int:
+        for number in range(50):
+            for name in names:
+                writer.write(name, number, number, HI)
+            writer._file.flush()
+        writer.split()
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        first = [fill_a_file() for _ in range(3)][-1]
+        assert fill_a_file() + fill_a_file() - 2 * first < 50 * len(names) * 10, "what one file's indexes take"
+    finally:
+        tracemalloc.stop()
+        writer.close()

@@ -43,10 +43,10 @@ class Trim:
         if view.tension < MoveToLength.MET * step.tension_limit and abs(error) < self._max_following_error:
             loadless = error * self.value < 0.0 and abs(error) > self.BEYOND
             rate = self.RATE_BACK if loadless else self.RATE
-            most = self._most(view.tension)
-            self.value = max(-most, min(most, self.value + rate * error * view.dt))
+            limit = self._limit(view.tension)
+            self.value = max(-limit, min(limit, self.value + rate * error * view.dt))
 
-    def _most(self, tension: float) -> float:
+    def _limit(self, tension: float) -> float:
         """Return the largest correction [m] under a tension [N]."""
         return self.MAX_TRIM_M + self.MORE_PER_N * tension
 
@@ -61,5 +61,5 @@ class Trim:
             tension: [N] now.
             maximum: [N] to go on with.
         """
-        pulling = max(0.0, min(self._most(tension), ahead + self.value - NATURAL_LAG * speed))
+        pulling = max(0.0, min(self._limit(tension), ahead + self.value - NATURAL_LAG * speed))
         self.value = pulling * min(1.0, maximum / max(tension, 1e-9))
