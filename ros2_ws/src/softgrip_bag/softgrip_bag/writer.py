@@ -79,7 +79,9 @@ class BagWriter:
         self.topics: dict[str, Topic] = {}
         self.clamped_stamps = 0
         self._closed: list[McapFile] = []
-        self._opened: list[McapFile] = []
+        self._opened: list[McapFile] = []  # and not deleted
+        self._deleted: Counter[str] = Counter()  # topic -> messages that were in deleted files
+        self._next_number = 0
         try:
             make_folder_durably(folder.parent)
             folder.mkdir()
@@ -110,7 +112,7 @@ class BagWriter:
     @property
     def removed(self) -> Counter[str]:
         """Topic -> messages in files that were deleted because there were more than are kept."""
-        return self._total([file for file in self._opened if not file.path.exists()])
+        return self._deleted + self._total([file for file in self._opened if not file.path.exists()])
 
     @property
     def path(self) -> Path:
@@ -161,7 +163,7 @@ class BagWriter:
         self._finish(done)
         self._file = self._open()
         while 0 < self._limits.kept_files < len(self._closed) + 1:
-            self._closed.pop(0).path.unlink()
+            self._delete(self._closed.pop(0))
         metadata.write(self.folder, self._information(self._closed))
         return done.path
 
@@ -188,7 +190,8 @@ class BagWriter:
         return too_long or 0 < limits.file_bytes <= self._file.size
 
     def _open(self) -> McapFile:
-        file = McapFile(self.folder / f"{self.folder.name}_{len(self._opened)}.mcap")
+        file = McapFile(self.folder / f"{self.folder.name}_{self._next_number}.mcap")
+        self._next_number += 1
         self._opened.append(file)  # before it is open: `abandon` closes what is in this list
         file.open()
         for name, values in self._facts.items():
@@ -199,6 +202,11 @@ class BagWriter:
             file.add_topic(topic)
         sync_folder(self.folder)
         return file
+
+    def _delete(self, file: McapFile) -> None:
+        file.path.unlink()
+        self._opened.remove(file)
+        self._deleted += file.stored
 
     def _finish(self, file: McapFile) -> None:
         own = yaml.dump(self._information([file]), Dumper=metadata.Plain)

@@ -77,7 +77,7 @@ PARAMETERS = ParameterTable(
         "folders (or files), separated by ':', that files named by nodes' parameters may be below to go into the bag",
     ),
     Parameter("snapshot_s", 10.0, "time that is kept in memory for recorder/snapshot", "s", 0.0, 3600.0),
-    Parameter("snapshot_mb", 64, "most memory for recorder/snapshot", "MB", 0, 65536),
+    Parameter("snapshot_mb", 48, "most memory for recorder/snapshot", "MB", 0, 65536),
     Parameter(
         "snapshot_on_fault",
         "unrecorded",
