@@ -12,14 +12,16 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import heapq
 import itertools
 import multiprocessing
 import sys
 import tempfile
 import time
 from collections import deque
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import zenoh
 from _hostile import Generator, Input, Stranger, open_client
@@ -42,6 +44,8 @@ BASELINE_S = 15.0
 LOOK_S = 0.5
 #: Inputs of one session; then the stranger leaves in the middle of everything and comes back.
 SESSION_INPUTS = 5_000
+#: Stops of tendon/state that the trace names.
+NAMED_STOPS = 10
 GOAL_ENDED, GOAL_GROWTH_MB = 0, 50.0
 EMULATOR = "emulated_cell"
 NODES = (
@@ -88,6 +92,24 @@ class Watch:
         }
 
 
+@dataclass(frozen=True)
+class Stops:
+    """How regularly one publisher was heard for a while.
+
+    Attributes:
+        longest: the longest times [s] between two samples, with the first one's stamp [ns since the epoch].
+        lost: samples that went missing on the way.
+    """
+
+    longest: tuple[tuple[float, int], ...]
+    lost: int
+
+    @property
+    def maximum_s(self) -> float:
+        """The longest time between two samples [s]; infinite where there were none."""
+        return self.longest[0][0] if self.longest else float("inf")
+
+
 class Stamps:
     """Listens to one publisher from a process of its own, which nothing the stranger does holds up.
 
@@ -104,10 +126,10 @@ class Stamps:
         spawn.Process(target=listen, args=(stranger.domain, key, gid, theirs), daemon=True).start()
         self._questions.recv()
 
-    def longest_s(self) -> tuple[float, int]:
-        """Return the longest time [s] between two samples since the last call, and how many were lost on the way."""
+    def stops(self) -> Stops:
+        """Return what was heard since the last call."""
         self._questions.send(None)
-        found: tuple[float, int] = self._questions.recv()
+        found: Stops = self._questions.recv()
         return found
 
 
@@ -123,7 +145,7 @@ def publisher(stranger: Stranger, node: str, topic: str) -> Entity:
 
 
 def listen(domain: int, key: str, gid: bytes, questions: Any) -> None:
-    """Answer each question with the longest time between two samples since the last one, and how many are missing."""
+    """Answer each question with the `Stops` since the last one."""
     heard: list[tuple[int, int]] = []
 
     def take(sample: zenoh.Sample) -> None:
@@ -148,12 +170,15 @@ def listen(domain: int, key: str, gid: bytes, questions: Any) -> None:
         count = len(heard)
         pairs = list(itertools.pairwise(heard[:count]))
         # of samples that got lost nobody knows the times: the time between their neighbours is shared out
-        longest = max((to_s(b[1] - a[1]) / max(1, b[0] - a[0]) for a, b in pairs), default=float("inf"))
-        questions.send((longest, sum(max(0, b[0] - a[0] - 1) for a, b in pairs)))
+        lengths = ((to_s(b[1] - a[1]) / max(1, b[0] - a[0]), a[1]) for a, b in pairs)
+        longest = tuple(heapq.nlargest(NAMED_STOPS, lengths))
+        questions.send(Stops(longest, sum(max(0, b[0] - a[0] - 1) for a, b in pairs)))
         del heard[: max(0, count - 1)]
 
 
-def attack(stranger: Stranger, generator: Generator, watch: Watch, count: int, rate: float) -> float:
+def attack(
+    stranger: Stranger, generator: Generator, watch: Watch, count: int, rate: float, trace: TextIO | None
+) -> float:
     """Send inputs and watch; return how many were sent a second. What preceded an end goes to stderr."""
     last: deque[Input] = deque(maxlen=200)
     started = looked = time.monotonic()
@@ -164,6 +189,8 @@ def attack(stranger: Stranger, generator: Generator, watch: Watch, count: int, r
             time.sleep(max(0.0, started + number / rate - time.monotonic()))
         item = generator.next()
         last.append(item)
+        if trace:
+            trace.write(f"{time.time_ns()} {item.target.name if item.target else 'token'} {item.payload[:24]!r}\n")
         stranger.send(item)
         if time.monotonic() - looked > LOOK_S:
             looked = time.monotonic()
@@ -198,6 +225,7 @@ def main() -> None:
     )
     parser.add_argument("--baseline", type=float, default=BASELINE_S, help="[s] without the stranger")
     parser.add_argument("--log", type=Path, help="file for what the cell says")
+    parser.add_argument("--trace", type=Path, help="file for what was sent when, and when tendon/state stopped longest")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         log = arguments.log or Path(folder) / "cell.log"
@@ -205,26 +233,33 @@ def main() -> None:
             wait_for_nodes(launch.pid, set(NODES) - ({EMULATOR} if arguments.real else set()))
             stranger = Stranger(DOMAIN)
             try:
-                run(stranger, launch.pid, arguments, log)
+                with arguments.trace.open("w") if arguments.trace else contextlib.nullcontext() as trace:
+                    run(stranger, launch.pid, arguments, log, trace)
             finally:
                 stranger.close()
 
 
-def run(stranger: Stranger, session: int, arguments: argparse.Namespace, log: Path) -> None:
+def run(
+    stranger: Stranger, session: int, arguments: argparse.Namespace, log: Path, trace: TextIO | None = None
+) -> None:
     """Attack a running cell and print the claims."""
     stamps = Stamps(stranger)
-    stamps.longest_s()
+    stamps.stops()
     time.sleep(arguments.baseline)
-    without, _ = stamps.longest_s()
+    without = stamps.stops()
     watch = Watch(session)
     targets = stranger.targets()
     generator = Generator(targets, arguments.seed, DOMAIN)
     warm_up = min(WARM_UP, arguments.count // 2)
-    attack(stranger, generator, watch, warm_up, arguments.rate)
+    attack(stranger, generator, watch, warm_up, arguments.rate, trace)
     watch.begin()
     logged = log.stat().st_size
-    rate = attack(stranger, generator, watch, arguments.count - warm_up, arguments.rate)
-    during, lost = stamps.longest_s()
+    rate = attack(stranger, generator, watch, arguments.count - warm_up, arguments.rate, trace)
+    during = stamps.stops()
+    if trace:
+        trace.writelines(
+            f"{begun} tendon/state stopped for {1e3 * length:.0f} ms\n" for length, begun in during.longest
+        )
     time.sleep(SETTLE_S)
     watch.look()
     growth = watch.growth()
@@ -232,8 +267,8 @@ def run(stranger: Stranger, session: int, arguments: argparse.Namespace, log: Pa
     note = (
         f"{arguments.count} inputs, seed {arguments.seed}, {rate:.0f} a second, over {len(targets) - services} topics, "
         f"{services} services and tokens; {stranger.answered} answered, {stranger.refused} refused; "
-        f"tendon/state stopped for {1e3 * during:.0f} ms at most, {1e3 * without:.0f} ms without "
-        f"({lost} samples lost on the way); "
+        f"tendon/state stopped for {1e3 * during.maximum_s:.0f} ms at most, "
+        f"{1e3 * without.maximum_s:.0f} ms without ({during.lost} samples lost on the way); "
         f"log {(log.stat().st_size - logged) / MIB:.1f} MiB"
     )
     ended = ", ".join(watch.ended) or "none"
