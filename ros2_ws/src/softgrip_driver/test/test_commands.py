@@ -6,6 +6,7 @@ import csv
 import os
 import re
 import signal
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
+from softgrip_driver.autogroup import has_autogroups
 from softgrip_driver.commands import calibrate_tension, common, scan, selftest, setup, tension_recording
 from softgrip_driver.commands.selftest import causes
 from softgrip_driver.dynamixel.adapter import latency_timer
@@ -150,6 +152,22 @@ def test_selftest_measures_and_names_the_return_delay(chain, capsys):
     assert "2 at 1000000 baud" in out
     assert "servos [1, 2] wait up to 500 us" in out
     assert "setup --id" in out
+
+
+@pytest.mark.parametrize(("setting", "known"), [("0\n", False), ("1\n", True), ("", False), (None, False)])
+def test_whether_sessions_share_the_processors_is_read_from_the_kernel(tmp_path, setting, known):
+    """sched(7): the file is there only in a kernel that was built with autogroups."""
+    file = tmp_path / "sched_autogroup_enabled"
+    if setting is not None:
+        file.write_text(setting)
+    assert has_autogroups(file) is known
+
+
+def test_selftest_names_the_sessions_where_a_cycle_in_a_hundred_is_too_long():
+    slow = BusMeasurement(2, 1_000_000, 400.0, 0.002, 0.04, 0.001, 0.0, 0, {}, None, 0.001)
+    assert "sched_autogroup_enabled=0" in causes(slow, 100.0, autogroups=True)[-1]
+    assert causes(slow, 100.0) == []
+    assert causes(replace(slow, p99=0.004), 100.0, autogroups=True) == []
 
 
 def test_selftest_of_an_empty_bus_says_so(chain, capsys):

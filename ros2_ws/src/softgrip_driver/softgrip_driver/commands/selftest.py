@@ -7,6 +7,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from softgrip_driver.autogroup import AUTOGROUP_REMEDY, has_autogroups
 from softgrip_driver.commands.common import DONE, FAILED, add_bus_options, add_drive_option, number, parser, run
 from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
 from softgrip_driver.wizard.drive_setup import BusMeasurement, drive_setup
@@ -17,8 +18,14 @@ A cycle is the group read of all servos and what else the driver asks in it. Not
 slowness with its fix in words; exit code 1 when the wanted rate is not reached."""
 
 
-def causes(found: BusMeasurement, required_rate: float) -> list[str]:
-    """Return every cause of slowness or loss that the figures show, with its fix."""
+def causes(found: BusMeasurement, required_rate: float, *, autogroups: bool = False) -> list[str]:
+    """Return every cause of slowness or loss that the figures show, with its fix.
+
+    Args:
+        found: the figures.
+        required_rate: [Hz] of cycles.
+        autogroups: whether the kernel shares processors out among sessions.
+    """
     texts = []
     if found.latency_timer is not None and found.latency_timer > 0.001:
         texts.append(
@@ -50,6 +57,8 @@ def causes(found: BusMeasurement, required_rate: float) -> list[str]:
             f"a cycle takes {found.median * 1e3:.2f} ms, its bytes {found.wire_time * 1e3:.2f} ms: the rest is "
             "this computer; close other programs, allow real-time priority (rtprio in limits.conf), use a faster one"
         )
+    if autogroups and (found.lost_share > 0.0 or found.p99 > 1.0 / required_rate):
+        texts.append(f"a cycle in a hundred takes {found.p99 * 1e3:.1f} ms: {AUTOGROUP_REMEDY}")
     return texts
 
 
@@ -70,7 +79,7 @@ def work(options: argparse.Namespace) -> int:
     print(f"USB latency timer   {timer}, replies after {found.turnaround * 1e3:.1f} ms")
     if found.return_delays:
         print(f"return delays       {', '.join(f'{i}: {d * 1e6:.0f} us' for i, d in found.return_delays.items())}")
-    for text in causes(found, options.rate):
+    for text in causes(found, options.rate, autogroups=has_autogroups()):
         print(f"-> {text}")
     good = found.rate >= options.rate
     print(f"{'reaches' if good else 'does not reach'} the wanted {options.rate:.0f} Hz")
