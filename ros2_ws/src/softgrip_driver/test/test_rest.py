@@ -12,8 +12,8 @@ import pytest
 from softgrip_driver.tendon.backend import Counters, DriveReading
 from softgrip_driver.tendon.gripper import Block, GripperController, MoveMode, MoveRequest, Policies, StopPolicy
 from softgrip_driver.tendon.limits import TendonLimits
-from softgrip_driver.tendon.loop import BusLoop, LoopSnapshot
-from softgrip_driver.tendon.rest import REST_AFTER_S, RestThinning, rest_stride
+from softgrip_driver.tendon.loop import BusLoop
+from softgrip_driver.tendon.rest import REST_AFTER_S, rest_stride
 from softgrip_time import WallClock
 
 RATE, STRIDE = 100.0, 4
@@ -273,24 +273,3 @@ def test_a_loop_that_is_not_to_rest_never_does():
     cell.clock.run_to(6.0)
     assert cell.seen() == pytest.approx([PERIOD_S] * len(cell.seen()))
     cell.loop.stop()
-
-
-def cycle(number, *, is_resting):
-    return LoopSnapshot(number, 0.04 * number, (), False, 25.0, 0.0, 0, is_resting=is_resting)
-
-
-def picked(resting):
-    """Return the numbers of the cycles that are sent, for each cycle that comes."""
-    thinning = RestThinning(0.2)
-    return [[one.sequence for one in thinning.pick(cycle(n, is_resting=rests))] for n, rests in enumerate(resting)]
-
-
-def test_at_work_every_cycle_is_sent_and_at_rest_one_in_each_period():
-    assert picked([False] * 3) == [[0], [1], [2]]
-    sent = [numbers for numbers in picked([True] * 11) if numbers]
-    assert sent == [[0], [5], [10]]
-
-
-def test_the_last_cycle_of_a_rest_is_sent_before_the_first_of_the_work():
-    assert picked([True, True, True, False, False]) == [[0], [], [], [2, 3], [4]]
-    assert picked([True, False]) == [[0], [1]], "what was sent is not sent again"

@@ -31,7 +31,6 @@ from softgrip_driver.tendon.blocking import block_of, keeps_torque
 from softgrip_driver.tendon.gripper import Ticket
 from softgrip_driver.tendon.loop import BusLoop, LoopSnapshot
 from softgrip_driver.tendon.motions import MoveOutcome
-from softgrip_driver.tendon.rest import RestThinning
 from softgrip_driver.tendon.safety_store import SafetyStore, SafetyStoreError
 from softgrip_driver.tendon.session import ZeroKeeper
 from softgrip_driver.tendon.zero_store import ZeroStore
@@ -73,8 +72,8 @@ FIRST_READING = 2.0
 FEEDBACK_PERIOD = 0.1
 #: [s] between looks at the health
 HEALTH_PERIOD = 0.5
-#: [s] between messages of tendon/state and tendon/status at rest
-REST_MESSAGE_PERIOD = 0.2
+#: [s] between messages of tendon/status at rest
+REST_STATUS_PERIOD = 0.2
 #: [s] a move may take beyond the time its way needs
 MOVE_GRACE = 10.0
 #: [s] after which an order that came without a deadline is not obeyed any more
@@ -293,20 +292,18 @@ class TendonDriver(HardwareNode):
     # --- out -------------------------------------------------------------------------------------------------------
 
     def _publish_cycles(self, loop: BusLoop) -> None:
-        """Publish the cycles from a thread of its own, so that middleware never delays the bus."""
+        """Publish every cycle from a thread of its own, so that middleware never delays the bus."""
         sequence, status_due, health_due, was_resting = 0, 0.0, 0.0, False
-        thinning = RestThinning(REST_MESSAGE_PERIOD)
         while loop.running:
             for snapshot in loop.since(sequence, 0.5):
                 sequence = snapshot.sequence
                 stamp = self._stamp(snapshot)
                 if not self.context.ok():
                     return
-                for cycle in thinning.pick(snapshot):
-                    if not cycle.port_lost:
-                        self._publish(self._state_publisher, convert.to_joint_state(cycle.drives, self._stamp(cycle)))
+                if not snapshot.port_lost:
+                    self._publish(self._state_publisher, convert.to_joint_state(snapshot.drives, stamp))
                 if snapshot.time >= status_due or (was_resting and not snapshot.is_resting):
-                    rest_s = REST_MESSAGE_PERIOD if snapshot.is_resting else 0.0
+                    rest_s = REST_STATUS_PERIOD if snapshot.is_resting else 0.0
                     status_due = snapshot.time + max(self._status_period, rest_s)
                     self._publish(self._status_publisher, convert.to_status(snapshot, stamp))
                     self._guarded(self._leases.publish_owners, loop.owners)

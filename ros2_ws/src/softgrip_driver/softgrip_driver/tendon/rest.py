@@ -8,12 +8,8 @@ pulls, moves, is at fault, does not answer or belongs to somebody is looked at i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from softgrip_driver.tendon.status import DriveSnapshot
-
-if TYPE_CHECKING:
-    from softgrip_driver.tendon.loop import LoopSnapshot
 
 #: [s] without any change before the loop may go slower
 REST_AFTER_S = 2.0
@@ -67,32 +63,6 @@ class RestWatch:
         if not self._reference or not all(map(_is_like, drives, self._reference)):
             self._reference, self._since_s = tuple(drives), now
         return now - self._since_s >= self._after_s
-
-
-class RestThinning:
-    """Picks the cycles that are worth a message: each one at work, some of those at rest, and the last one of a rest.
-
-    Without the last one, who interpolates would take the first change for one that took a whole period.
-
-    Args:
-        period_s: between two picks at rest [s].
-    """
-
-    def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self._due_s = float("-inf")
-        self._left_out: LoopSnapshot | None = None
-
-    def pick(self, cycle: LoopSnapshot) -> list[LoopSnapshot]:
-        """Take the next cycle; return those to send now, oldest first."""
-        before, self._left_out = self._left_out, None
-        if not cycle.is_resting:
-            return [cycle] if before is None else [before, cycle]
-        if cycle.time < self._due_s:
-            self._left_out = cycle
-            return []
-        self._due_s = cycle.time + self._period_s
-        return [cycle]
 
 
 def _is_like(drive: DriveSnapshot, before: DriveSnapshot) -> bool:
