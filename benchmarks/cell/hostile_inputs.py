@@ -19,7 +19,7 @@ import sys
 import tempfile
 import time
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -29,6 +29,7 @@ from _live_cell import START_S, bench, cell
 
 from embedded_ros import wire
 from embedded_ros.wire import Entity, EntityKind
+from softgrip_nodekit import claim_processor
 from softgrip_testing.benchmark_claim import claim
 from softgrip_testing.process_table import node_processes, resident_bytes
 from softgrip_time.units import to_s
@@ -44,6 +45,9 @@ BASELINE_S = 15.0
 LOOK_S = 0.5
 #: Inputs of one session; then the stranger leaves in the middle of everything and comes back.
 SESSION_INPUTS = 5_000
+#: Priority of who watches whether the computer itself stands: in front of all of the cell.
+FIRST = 90
+LOOK_AT_CLOCK_S = 0.005
 #: Stops of tendon/state that the trace names.
 NAMED_STOPS = 10
 GOAL_ENDED, GOAL_GROWTH_MB = 0, 50.0
@@ -99,10 +103,12 @@ class Stops:
     Attributes:
         longest: the longest times [s] between two samples, with the first one's stamp [ns since the epoch].
         lost: samples that went missing on the way.
+        machine_s: longest time [s] for which a process before all others did not run: the computer itself stood.
     """
 
     longest: tuple[tuple[float, int], ...]
     lost: int
+    machine_s: float = 0.0
 
     @property
     def maximum_s(self) -> float:
@@ -125,12 +131,15 @@ class Stamps:
         self._questions, theirs = spawn.Pipe()
         spawn.Process(target=listen, args=(stranger.domain, key, gid, theirs), daemon=True).start()
         self._questions.recv()
+        self._machine, theirs = spawn.Pipe()
+        spawn.Process(target=watch_machine, args=(theirs,), daemon=True).start()
 
     def stops(self) -> Stops:
         """Return what was heard since the last call."""
+        self._machine.send(None)
+        machine_s: float = self._machine.recv()
         self._questions.send(None)
-        found: Stops = self._questions.recv()
-        return found
+        return replace(self._questions.recv(), machine_s=machine_s)
 
 
 def publisher(stranger: Stranger, node: str, topic: str) -> Entity:
@@ -174,6 +183,23 @@ def listen(domain: int, key: str, gid: bytes, questions: Any) -> None:
         longest = tuple(heapq.nlargest(NAMED_STOPS, lengths))
         questions.send(Stops(longest, sum(max(0, b[0] - a[0] - 1) for a, b in pairs)))
         del heard[: max(0, count - 1)]
+
+
+def watch_machine(questions: Any) -> None:
+    """Look at the clock again and again; answer each question with how late [s] a look came at most."""
+    claim_processor(FIRST)
+    longest, before = 0.0, time.monotonic()
+    while True:
+        is_asked = questions.poll(LOOK_AT_CLOCK_S)
+        now = time.monotonic()
+        longest, before = max(longest, now - before - LOOK_AT_CLOCK_S), now
+        if is_asked:
+            try:
+                questions.recv()
+            except EOFError:
+                return
+            questions.send(longest)
+            longest = 0.0
 
 
 def attack(
@@ -268,7 +294,8 @@ def run(
         f"{arguments.count} inputs, seed {arguments.seed}, {rate:.0f} a second, over {len(targets) - services} topics, "
         f"{services} services and tokens; {stranger.answered} answered, {stranger.refused} refused; "
         f"tendon/state stopped for {1e3 * during.maximum_s:.0f} ms at most, "
-        f"{1e3 * without.maximum_s:.0f} ms without ({during.lost} samples lost on the way); "
+        f"{1e3 * without.maximum_s:.0f} ms without; the computer itself for {1e3 * during.machine_s:.0f} and "
+        f"{1e3 * without.machine_s:.0f} ms ({during.lost} samples lost on the way); "
         f"log {(log.stat().st_size - logged) / MIB:.1f} MiB"
     )
     ended = ", ".join(watch.ended) or "none"

@@ -61,7 +61,7 @@ def tokens(domain: int, monkeypatch: pytest.MonkeyPatch) -> set[str]:
             f"@ros2_lv/{domain}/**", lambda sample: found.add(str(sample.key_expr)), history=True
         )
         deadline = time.monotonic() + 30.0
-        while not {key.split("/")[8] for key in found} >= CELL:
+        while not {key.split("/")[8] for key in set(found)} >= CELL:  # the session's thread adds to it meanwhile
             assert time.monotonic() < deadline, f"expected {CELL} within 30 s, found {found}"
             time.sleep(0.05)
         return set(found)
