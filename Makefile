@@ -96,7 +96,7 @@ SIDE_BY_SIDE := --dist loadfile --max-worker-restart 0
 REAL_TIME := tests/system tests/faults $(SRC)/softgrip_driver/test/real_time
 
 test: setup parts-setup study-setup panel-setup s3-setup  ## lint, then every test; LOCK=oldest with the oldest versions that are supported
-	$(MAKE) -j 2 -Oline $(if $(filter oldest,$(LOCK)),,lint) cpp-tests
+	$(MAKE) -j 2 $(if $(filter oldest,$(LOCK)),,lint) cpp-tests
 	$(BIN)/python -m pytest -n 4 $(SIDE_BY_SIDE) -m "not long" $(addprefix --ignore ,$(REAL_TIME))
 	$(BIN)/python -m pytest -n 2 $(SIDE_BY_SIDE) -m "not long" $(REAL_TIME)
 

@@ -265,9 +265,7 @@ def main() -> None:
                 stranger.close()
 
 
-def run(
-    stranger: Stranger, session: int, arguments: argparse.Namespace, log: Path, trace: TextIO | None = None
-) -> None:
+def run(stranger: Stranger, session: int, arguments: argparse.Namespace, log: Path, trace: TextIO | None) -> None:
     """Attack a running cell and print the claims."""
     stamps = Stamps(stranger)
     stamps.stops()

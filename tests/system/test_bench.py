@@ -18,6 +18,8 @@ import yaml
 pytest.importorskip("rosbags")
 from rosbags.highlevel import AnyReader
 
+from softgrip_driver.autogroup import has_autogroups
+
 #: Emulated servos answer later than real ones and, on a busy machine, live more slowly: this bench's own file says so.
 CELL_FILE = """
 schema: 1
@@ -113,6 +115,7 @@ def test_a_bench_with_any_of_its_devices_uses_them_and_says_what_it_lacks(
         cell.ask_until(*QUESTIONS[name])
     capture = "camera: frames" if "camera" in devices else "camera: capture"
     end(cell, tmp_path / "out", "friction_rig: rig", capture)
+    assert ("kernel.sched_autogroup_enabled=0" in cell.output) == ("servos" in devices and has_autogroups())
     found = diagnosed(tmp_path / "out")
     started = {name.partition(":")[0] for name in found}
     assert started.isdisjoint({"tendon_driver", "grasp_mix_manager"}) == ("servos" not in devices)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 SETTING = Path("/proc/sys/kernel/sched_autogroup_enabled")
-#: what helps, for one time and for good
+#: what is wrong, and what helps
 AUTOGROUP_REMEDY = (
     "the bus' bytes wait for the programs of a whole session (autogroups): `sudo sysctl "
     "kernel.sched_autogroup_enabled=0` ends that; docs/build/computer.md has it for good"
