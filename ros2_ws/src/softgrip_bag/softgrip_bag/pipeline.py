@@ -77,7 +77,8 @@ class Pipeline:
         self._condition = threading.Condition()
         self._closing = False
         self._lost: Counter[str] = Counter()
-        self._thread = threading.Thread(target=self._run, name="bag writer")
+        # daemon: where nobody gets to close this, the process still ends, and the next recorder repairs the bag
+        self._thread = threading.Thread(target=self._run, name="bag writer", daemon=True)
         self._thread.start()
 
     def put(self, topic: str, received: int, published: int, data: bytes) -> bool:

@@ -109,6 +109,32 @@ def test_killed_at_random_moments_everything_that_was_on_the_disk_is_kept(
         assert texts(bag) == kept
 
 
+@pytest.mark.parametrize(
+    ("interrupted", "is_finished"),
+    [("Recorder._start_at_once", True), ("Recorder._look", True), ("Pipeline.__init__", False)],
+)
+def test_a_signal_before_the_node_is_whole_ends_the_process(
+    interrupted: str, is_finished: bool, tmp_path: Path
+) -> None:
+    owner, method = interrupted.split(".")
+    program = (
+        "import os, signal, sys\n"
+        "from softgrip_bag.nodes.recorder import Pipeline, Recorder, main\n"
+        f"go_on = {interrupted}\n"
+        "def go_on_and_interrupt(*arguments):\n"
+        "    go_on(*arguments)\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        f"setattr({owner}, {method!r}, go_on_and_interrupt)\n"
+        "sys.exit(main())\n"
+    )
+    bag = tmp_path / "bag"
+    command = [sys.executable, "-c", program, "--ros-args", "-p", f"root:={tmp_path}", "-p", f"path:={bag}"]
+    ended = subprocess.run(command, timeout=LONGEST, check=False, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    assert (bag / "metadata.yaml").is_file() == is_finished
+    assert is_broken(bag) != is_finished
+
+
 def test_services_and_what_the_bag_carries(
     talker: Node, recorder: Callable[[Path], subprocess.Popen[bytes]], tmp_path: Path
 ) -> None:

@@ -162,10 +162,14 @@ class Recorder(CellNode):
         self.create_service(StopRecording, "recorder/stop", self._on_stop, callback_group=own)
         self.create_service(SplitRecording, "recorder/split", self._on_split)
         self.create_service(SnapshotRecording, "recorder/snapshot", self._on_snapshot)
-        if self._values["record_on_start"]:
-            self._start_at_once()
-        self.create_timer(self._values["discovery_period"], self._look)
-        self._look()
+        try:
+            if self._values["record_on_start"]:
+                self._start_at_once()
+            self.create_timer(self._values["discovery_period"], self._look)
+            self._look()
+        except BaseException:  # a signal, too: nobody closes a node that was never finished
+            self._end_recording()
+            raise
 
     def close(self) -> None:
         """Finish the bag."""
