@@ -34,7 +34,7 @@ help:  ## this list
 setup: $(STAMP) $(CORES:%=$(VENV)/.core-of-%)  ## everything the suite needs, into .venv (system packages through apt when allowed)
 	@$(if $(filter setup,$(MAKECMDGOALS)),echo "Ready in $(VENV). Next: make demo; for commands of your own: source $(VENV)/bin/activate",:)
 
-$(STAMP): $(REQUIREMENTS) requirements-capture.lock requirements-sources.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh
+$(STAMP): $(REQUIREMENTS) requirements-capture.lock requirements-sources.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh .ci/packages.sh
 	@echo "Setting $(VENV) up: the first time 4 to 9 minutes, most of it compiling"
 	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) $(BUILD) bash .ci/setup.sh
 	@touch $@

@@ -46,13 +46,19 @@ if [ ! -x "$VENV/bin/python" ]; then
   stage "virtual environment with $("$python" --version)" "$python" -m venv "$VENV"
 fi
 pip() { "$VENV/bin/python" -m pip --disable-pip-version-check -q "$@"; }
-stage "Python packages of $REQUIREMENTS" pip install --require-hashes --only-binary :all: -r "$REQUIREMENTS"
-stage "Python packages that come as sources" pip install --no-deps --no-build-isolation --require-hashes -r requirements-sources.lock
-# its own pins are older than they need to be, so without them
-stage "hand capture (MediaPipe)" pip install --no-deps --require-hashes --only-binary :all: -r requirements-capture.lock || echo "   no MediaPipe for this machine: ros2 run softgrip_design capture will say so"
+# What compiles the cores comes first; all else is fetched and unpacked while they are compiled.
+tools="$VENV/compiling.lock"
+awk '/^[a-z]/ { is_tool = /^(cmake|ninja|packaging|pathspec|pybind11|scikit-build-core|setuptools)==/ } is_tool' "$REQUIREMENTS" >"$tools"
+stage "Python packages that compiling takes" pip install --no-deps --require-hashes --only-binary :all: -r "$tools"
+log="$VENV/packages.log"
+VENV=$VENV REQUIREMENTS=$REQUIREMENTS setsid bash .ci/packages.sh >"$log" 2>&1 &
+packages=$!
+trap 'kill -- "-$packages" 2>/dev/null || true' EXIT
 for package in softgrip_model softgrip_emulator softgrip_vision; do
   bash .ci/core.sh "$package"
 done
+stage "Python packages of $REQUIREMENTS (begun before)" wait "$packages" || { cat "$log" >&2; exit 1; }
+cat "$log"
 stage "the stand-in for ROS 2" pip install --no-deps --no-build-isolation -e embedded
 stage "this workspace" "$VENV/bin/python" -m embedded_ros.workspace ros2_ws/src
 echo "== set up in $SECONDS s"

@@ -35,8 +35,12 @@ target_include_directories(gdfe_needs INTERFACE ${CMAKE_CURRENT_SOURCE_DIR})
 target_link_libraries(gdfe_needs INTERFACE hwy::hwy)
 
 # Vectors are kept in arrays: not possible with the sizeless types of SVE and RVV, which run NEON or scalar code.
-target_compile_definitions(gdfe_needs INTERFACE
-  "HWY_DISABLED_TARGETS=(HWY_SVE|HWY_SVE2|HWY_SVE_256|HWY_SVE2_128|HWY_RVV)")
+set(disabled_simd HWY_SVE HWY_SVE2 HWY_SVE_256 HWY_SVE2_128 HWY_RVV)
+# On x86 SSE2, AVX2 and AVX-512: what lies between has the same doubles in a register, and each takes as long to compile. The bits are
+# HWY_AVX3_SPR and HWY_AVX3_ZEN4, which Highway 1.0.3 has not got yet.
+list(APPEND disabled_simd HWY_SSSE3 HWY_SSE4 HWY_AVX3_DL "(1LL<<4)" "(1LL<<6)")
+list(JOIN disabled_simd "|" disabled_simd)
+target_compile_definitions(gdfe_needs INTERFACE "HWY_DISABLED_TARGETS=(${disabled_simd})")
 
 # Eigen's own threads would keep every processor busy in the set-up, whatever Settings.threads says.
 target_compile_definitions(gdfe_needs INTERFACE EIGEN_DONT_PARALLELIZE)
