@@ -62,7 +62,7 @@ def test_every_line_of_a_lock_is_a_pin_or_a_hash() -> None:
 def test_setup_installs_by_hash_only_and_nothing_that_is_built() -> None:
     scripts = "".join((ROOT / name).read_text() for name in (".ci/setup.sh", ".ci/packages.sh", "Makefile"))
     installs = re.findall(r"^.*pip .*install .* -r .*$", scripts, re.MULTILINE)
-    # what compiling takes, requirements.lock, what comes as sources, the capture lock, and one rule for every other extra
+    # what compiling takes, requirements.lock, what comes as sources, the capture lock, one rule for every other extra
     assert len(installs) == 5
     for line in installs:
         assert "--require-hashes" in line
@@ -177,6 +177,9 @@ def _connected(port: int, deadline_s: float) -> socket.socket:
 
 def test_the_image_runs_without_rights_and_without_a_network() -> None:
     dockerfile = (ROOT / "docker" / "Dockerfile").read_text()
+    (image,) = re.findall(r"^ARG BASE=(\S+)$", dockerfile, re.MULTILINE)
+    assert re.fullmatch(r"ros:jazzy-ros-base@sha256:[0-9a-f]{64}", image)
+    assert f"container: {image}\n" in (ROOT / ".github" / "workflows" / "test.yml").read_text()
     assert re.search(r"^USER (?!root)\w+", dockerfile, re.MULTILINE)
     assert "ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST" in dockerfile
     assert "RMW_IMPLEMENTATION=" in dockerfile
