@@ -24,6 +24,8 @@ CPP = $(shell find $(CORES:%=$(SRC)/%/include) $(CORES:%=$(SRC)/%/src) $(wildcar
 #: header there is a change of all its sources: `make tidy` looks at all three
 TIDY_CORES := softgrip_emulator softgrip_vision
 WITH_VENV := PATH="$(CURDIR)/$(BIN):$$PATH"
+# Hundreds of processes import the same sources; where Python may keep no byte code each compiles them again, half of its start.
+unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .PHONY: help setup $(EXTRAS:%=%-setup) cores model plant tracker cpp-tests long-tests tidy format demo cell test lint faults soak fuzz crash bench docs calculix site docs-test lock mutants sbom audit keys udev test-ros2 clean
@@ -35,7 +37,7 @@ setup: $(STAMP) $(CORES:%=$(VENV)/.core-of-%)  ## everything the suite needs, in
 	@$(if $(filter setup,$(MAKECMDGOALS)),echo "Ready in $(VENV). Next: make demo; for commands of your own: source $(VENV)/bin/activate",:)
 
 $(STAMP): $(REQUIREMENTS) requirements-capture.lock requirements-sources.lock embedded/pyproject.toml $(wildcard $(SRC)/*/setup.cfg $(SRC)/*/package.xml) .ci/setup.sh .ci/packages.sh
-	@echo "Setting $(VENV) up: the first time 4 to 9 minutes, most of it compiling"
+	@echo "Setting $(VENV) up: the first time 3 to 9 minutes, most of it compiling"
 	@PYTHON=$(PYTHON) VENV=$(VENV) REQUIREMENTS=$(REQUIREMENTS) $(BUILD) bash .ci/setup.sh
 	@touch $@
 
