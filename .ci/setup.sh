@@ -53,7 +53,7 @@ stage "Python packages that compiling takes" pip install --no-deps --require-has
 log="$VENV/packages.log"
 VENV=$VENV REQUIREMENTS=$REQUIREMENTS setsid bash .ci/packages.sh >"$log" 2>&1 &
 packages=$!
-trap 'kill -- "-$packages" 2>/dev/null || true' EXIT
+trap 'kill -- "-$packages" "$packages" 2>/dev/null || true' EXIT
 for package in softgrip_model softgrip_emulator softgrip_vision; do
   bash .ci/core.sh "$package"
 done
