@@ -11,4 +11,4 @@ if ! flock -n "$lock"; then
   flock "$lock"
 fi
 stage "compiling the C++ of $1 (from nothing: minutes)" \
-  "$VENV/bin/python" -m pip --disable-pip-version-check install -q --no-deps --no-build-isolation -e "ros2_ws/src/$1"
+  pip install --no-deps --no-build-isolation -e "ros2_ws/src/$1"

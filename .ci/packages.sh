@@ -2,7 +2,7 @@
 # Installs the Python packages of REQUIREMENTS into VENV, what comes as sources and MediaPipe; .ci/setup.sh runs it beside the compiler.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-pip() { "$VENV/bin/python" -m pip --disable-pip-version-check -q "$@"; }
+. .ci/stage.sh
 
 pip install --no-deps --require-hashes --only-binary :all: -r "$REQUIREMENTS"
 pip install --no-deps --no-build-isolation --require-hashes -r requirements-sources.lock

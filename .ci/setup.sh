@@ -45,7 +45,6 @@ fi
 if [ ! -x "$VENV/bin/python" ]; then
   stage "virtual environment with $("$python" --version)" "$python" -m venv "$VENV"
 fi
-pip() { "$VENV/bin/python" -m pip --disable-pip-version-check -q "$@"; }
 # What compiles the cores comes first; all else is fetched and unpacked while they are compiled.
 tools="$VENV/compiling.lock"
 awk '/^[a-z]/ { is_tool = /^(cmake|ninja|packaging|pathspec|pybind11|scikit-build-core|setuptools)==/ } is_tool' "$REQUIREMENTS" >"$tools"
