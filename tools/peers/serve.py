@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import threading
-import time
 from pathlib import Path
 
 from softgrip_emulator.plant.motor import Motor
@@ -26,10 +25,10 @@ class FreeMotors:
     def __init__(self, servos: list[PlantServo]) -> None:
         self._servos = servos
         self._motors = [Motor(servo.model.motor, servo.shaft, SPOOL_RADIUS_M) for servo in servos]
-        self._now_s = time.monotonic()
+        self._now_s = 0.0
 
     def advance_to(self, now_s: float) -> None:
-        """Let them turn until a time [s]; after a long silence only the last second of it."""
+        """Let them turn until a time of the port's clock [s]; after a long silence only the last second of it."""
         self._now_s = max(self._now_s, now_s - 1.0)
         while self._now_s + STEP_S <= now_s:
             self._now_s += STEP_S

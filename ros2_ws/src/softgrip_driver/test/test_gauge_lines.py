@@ -50,6 +50,7 @@ GAUGES = [
     Documented("Imada DST-44A", "sktometometo/imada_forcegauge: +XX.XXKTO", "imada", b"+12.34KTO", 12.34 * G),
     # indicators and load cell interfaces
     Documented("tecsis EZE30", "manual p. 22", "tecsis", b"N 00000", 0.0),
+    Documented("tecsis EZE30, scaled", "manual, Annex A", "tecsis", b"N+01.100", 1.1),
     Documented("Loadstar iLoad", "command set: 2345 is 2.345 lb", "raw", b"2345", 2345 * MILLIPOUND_N, MILLIPOUND_N),
     Documented("Loadstar DI-100U", "command set: W", "raw", b"-0.000456", -0.000456, COUNTS),
     Documented("Dini Argeo LTP", "TECH_MAN_ENG_LTP p. 43", "scale", b"01ST,GS,     0.0,kg", 0.0),
@@ -91,7 +92,7 @@ def test_a_documented_line_is_read(one):
 
 
 def test_they_are_as_many_as_the_documents_say():
-    assert len({one.gauge for one in GAUGES}) == len(GAUGES) == 33
+    assert len({one.gauge for one in GAUGES}) == len(GAUGES) == 34
 
 
 def test_every_format_has_a_documented_line_or_is_a_plain_number_with_its_unit():

@@ -24,8 +24,8 @@ from softgrip_driver.rig.gauge_calibration import (
     read_calibration,
     write_calibration,
 )
-from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON
-from softgrip_emulator.rig.polled import PROTOCOLS, TECSIS_COUNTS_PER_NEWTON
+from softgrip_emulator.rig.amplifier import COUNTS_PER_NEWTON, HX711_NOISE_N
+from softgrip_emulator.rig.polled import PROTOCOLS
 from softgrip_emulator.rig.sketches import OFFSET_COUNTS, SKETCHES
 
 G = 9.81
@@ -170,7 +170,7 @@ def test_a_pause_in_which_nobody_asks_is_no_silence(tmp_path, make_rig, world):
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_a_gauge_that_answers_a_command_weighs(tmp_path, make_rig, protocol):
     rig = make_rig(gauge=protocol)
-    gauge = gauge_at(tmp_path, protocol, TECSIS_COUNTS_PER_NEWTON if protocol == "tecsis" else 1.0)
+    gauge = gauge_at(tmp_path, protocol, 1.0)
     gauge.open()
     gauge.tare()
     rig.set(1.0, 0.6)
@@ -212,7 +212,7 @@ def test_known_weights_give_counts_offset_and_deviation_and_the_driver_reads_the
     assert found.counts_per_newton == pytest.approx(true, abs=4.0 * found.counts_per_newton_stddev)
     assert found.counts_per_newton_stddev < 0.01 * true
     assert found.offset_counts == pytest.approx(OFFSET_COUNTS, abs=0.05 * COUNTS_PER_NEWTON)
-    assert found.stddev_n == pytest.approx(rig.truth.gauge_noise, rel=0.5)
+    assert found.stddev_n == pytest.approx(HX711_NOISE_N, rel=0.5)
     write_calibration(tmp_path / "cell.yaml", found)
     assert read_calibration(tmp_path / "cell.yaml") == found
     calibrated = gauge_at(tmp_path, "hx711", calibration=str(tmp_path / "cell.yaml"))

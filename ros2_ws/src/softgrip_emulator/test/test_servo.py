@@ -288,15 +288,16 @@ def test_an_error_outside_the_shutdown_mask_only_alerts(servo, read, write):
 def test_overload_and_heat_and_voltage_are_noticed(servo, read, write):
     write(servo, "torque_enable", 1)
     servo.shaft.current_a = servo.model.motor.stall_current_a
-    for step in range(2000):
+    borne = round(1e3 * servo.model.overload.seconds)
+    for step in range(borne - 500):
         servo.step(step * 1e-3, 1e-3)
     assert read(servo, "hardware_error_status") == 0
-    for step in range(2000, 4000):
+    for step in range(borne - 500, borne + 500):
         servo.step(step * 1e-3, 1e-3)
     assert read(servo, "hardware_error_status") == EmulatedHardwareError.OVERLOAD
     servo.shaft.temperature_c = read(servo, "temperature_limit") + 1.0
     servo.shaft.supply_v = read(servo, "min_voltage_limit") / 10.0 - 0.3
-    servo.step(4.0, 1e-3)
+    servo.step(8.0, 1e-3)
     expected = EmulatedHardwareError.OVERLOAD | EmulatedHardwareError.OVERHEATING | EmulatedHardwareError.INPUT_VOLTAGE
     assert read(servo, "hardware_error_status") == expected
 

@@ -41,7 +41,8 @@ NO_WATCHDOG = (
 ATTEMPTS = 4
 #: [degC] that a session mark takes off the over-temperature limit, which a restart puts back
 DEGC_PER_MARK = 0.02
-#: [rad/s] asked of a motor at least: its speed loop pulls by what the speed lacks, and would hardly hold with less
+#: [rad/s] asked of a motor at least: where its speed loop has no integral (KI_ASR 0), it pulls by what the speed lacks,
+#: and would hardly hold with less
 SLOWEST_RAD_S = 1.2
 #: [s] for a motor to answer again
 RESTORE_TIMEOUT_S = 4.0

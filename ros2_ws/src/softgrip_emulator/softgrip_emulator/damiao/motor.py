@@ -25,7 +25,9 @@ _READ, _WRITE, _STORE, _REFRESH = 0x33, 0x55, 0xAA, 0xCC
 _ENABLE, _DISABLE, _SET_ZERO, _CLEAR = 0xFC, 0xFD, 0xFE, 0xFB
 _TIMEOUT_UNIT_S: Final = 50e-6
 _SPEED_BANDWIDTH_RAD_S: Final = 2.0 * math.pi * 50.0
-"""Of the speed loop: assumption, since the manual gives no unit of KP_ASR."""
+"""Of the speed loop: assumption, since the manual gives no unit of KP_ASR. Its integral acts by the ratio of KI_ASR to
+KP_ASR, taken as one of seconds; KI_ASR 0 is a loop without. Its damping and filter, Deta and V_BW, have no unit either.
+"""
 _MAX_KP, _MAX_KD = 500.0, 5.0
 
 
@@ -128,6 +130,7 @@ class EmulatedDamiaoMotor:
         self._state = MotorState.DISABLED
         self._order: tuple[float, ...] = ()
         self._origin_rad = 0.0
+        self._speed_integral_nm = 0.0
         self.fold()
 
     # -- on the bus ------------------------------------------------------------------------------------------------
@@ -235,19 +238,18 @@ class EmulatedDamiaoMotor:
 
     def step(self, now_s: float, dt_s: float) -> ServoDrive:
         """One step of the firmware: protections, then the loops. Returns what the power stage is told."""
-        del dt_s
         self._watch(now_s)
         if self._state != MotorState.ENABLED or not self._order or now_s < self._silent_until_s or not self.powered:
+            self._speed_integral_nm = 0.0
             return ServoDrive()
-        torque = self._asked_torque()
-        current = torque / self.registers.get("kt_value")
         limit = self.registers.get("imax")
         if self.registers.get("ctrl_mode") == _FORCE_POSITION:
             limit = min(limit, self._order[2])
+        current = self._asked_torque(limit, dt_s) / self.registers.get("kt_value")
         # A current source: as much voltage as it takes, in the direction asked for.
         return ServoDrive(math.copysign(1.0, current), min(abs(current), limit))
 
-    def _asked_torque(self) -> float:
+    def _asked_torque(self, limit_a: float, dt_s: float) -> float:
         mode, order, speed = self.registers.get("ctrl_mode"), self._order, self.shaft.velocity_rad_s
         if mode == _MIT:
             position, asked, stiffness, damping, torque = order
@@ -257,7 +259,16 @@ class EmulatedDamiaoMotor:
         else:
             asked = self.registers.get("kp_apr") * (order[0] - self._position())
             asked = max(-order[1], min(order[1], asked))
-        return self.model.motor.inertia_kgm2 * _SPEED_BANDWIDTH_RAD_S * (asked - speed)
+        return self._speed_loop(asked - speed, limit_a * self.registers.get("kt_value"), dt_s)
+
+    def _speed_loop(self, lack_rad_s: float, limit_nm: float, dt_s: float) -> float:
+        """Return the torque that a lack of speed asks for; its integral keeps within what the current allows."""
+        get = self.registers.get
+        proportional_nm = self.model.motor.inertia_kgm2 * _SPEED_BANDWIDTH_RAD_S * lack_rad_s
+        if get("kp_asr") > 0.0:
+            summed_nm = self._speed_integral_nm + get("ki_asr") / get("kp_asr") * proportional_nm * dt_s
+            self._speed_integral_nm = max(-limit_nm, min(limit_nm, summed_nm))
+        return proportional_nm + self._speed_integral_nm
 
     def _watch(self, now_s: float) -> None:
         get, shaft = self.registers.get, self.shaft

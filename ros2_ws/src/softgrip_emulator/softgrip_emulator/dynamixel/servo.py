@@ -28,6 +28,7 @@ from softgrip_emulator.dynamixel.table import (
     PWM_FULL_SCALE,
     VELOCITY_UNIT_RPM,
     EmulatedServoModel,
+    OverloadWatch,
 )
 
 REBOOT_SILENCE_S: Final = 0.4
@@ -48,10 +49,8 @@ _TORQUE_ON_BY_GOAL: Final = 0x08
 _STARTUP_TORQUE_ON: Final = 0x01
 _STARTUP_RAM_RESTORE: Final = 0x02
 _SINGLE_TURN_OFFSET: Final = 1024
-_OVERLOAD: Final = (0.75, 2.5)
-"""Share of the stall current that the overload watch takes as too much, and for how long [s]; no data sheet says."""
-_EARLY_OVERLOAD: Final = (0.40, 5.0)
-"""The same, as a user saw it of an XM430: 41 % for "around 5s" (ROBOTIS-GIT/DynamixelSDK issue 285)."""
+_EARLY_OVERLOAD: Final = OverloadWatch(0.40, 5.0)
+"""As a user saw it of an XM430: 41 % for "around 5s" (ROBOTIS-GIT/DynamixelSDK issue 285)."""
 
 
 class EmulatedHardwareError:
@@ -142,7 +141,7 @@ class EmulatedServo:
             return_delay_us: pause before a status packet [us].
             limits_winding: Goal Current limits the winding's current also where it is the supply's that it reports.
                 Which of them an XL330 or XC330 limits, the e-manual ("Goal Current(102)") does not say.
-            trips_early: its overload shutdown comes as early as a user saw one.
+            trips_early: its overload shutdown comes as early as a user saw one, also in a model that nobody saw.
         """
         self.model = model
         self._limits_supply = model.senses_supply_current and not limits_winding
@@ -158,7 +157,7 @@ class EmulatedServo:
         self._silent_until_s = 0.0
         self._powered_since_s = 0.0
         self._last_packet_s = 0.0
-        self._overload = _EARLY_OVERLOAD if trips_early else _OVERLOAD
+        self._overload = _EARLY_OVERLOAD if trips_early else model.overload
         self._overload_s = 0.0
         self._instructions = Instructions(self)
         self.position_glitch_pulses = 0
@@ -338,12 +337,11 @@ class EmulatedServo:
             bits |= EmulatedHardwareError.INPUT_VOLTAGE
         if shaft.temperature_c > settings.temperature_limit_c:
             bits |= EmulatedHardwareError.OVERHEATING
-        share, longest_s = self._overload
-        if abs(shaft.current_a) > share * settings.stall_a:
+        if abs(shaft.current_a) > self._overload.share * settings.stall_a:
             self._overload_s += dt_s
         elif self._overload_s:
             self._overload_s = max(0.0, self._overload_s - dt_s)
-        if self._overload_s > longest_s:
+        if self._overload_s > self._overload.seconds:
             bits |= EmulatedHardwareError.OVERLOAD
         if bits != settings.error_bits:
             self.registers.put("hardware_error_status", bits)

@@ -70,6 +70,23 @@ class IndirectBlock:
 
 
 @dataclass(frozen=True, slots=True)
+class OverloadWatch:
+    """What a servo takes for an overload, and shuts itself down for; no data sheet says it.
+
+    Attributes:
+        share: of the stall current that is too much.
+        seconds: for which it may be.
+    """
+
+    share: float
+    seconds: float
+
+
+#: Of models that nobody was found to have seen shutting down.
+_OVERLOAD: Final = OverloadWatch(0.75, 2.5)
+
+
+@dataclass(frozen=True, slots=True)
 class MotorRatings:
     """Motor and gear as the plant needs them, at the output shaft; units are in the names."""
 
@@ -123,6 +140,7 @@ class EmulatedServoModel:
     operating_modes: frozenset[int]
     motor: MotorRatings
     senses: str
+    overload: OverloadWatch
     size: int = field(init=False)
     """First address behind the table; every access asks for it."""
 
@@ -180,6 +198,7 @@ def load_model(name: str, firmware: int | None = None) -> EmulatedServoModel:
         operating_modes=frozenset(own["operating_modes"]),
         motor=MotorRatings(**own["motor"]),
         senses=own["senses"],
+        overload=OverloadWatch(**own["overload"]) if "overload" in own else _OVERLOAD,
     )
 
 

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 #: Counts per newton of the raw formats: a 50 N cell at gain 128.
 COUNTS_PER_NEWTON: Final = 80000.0
+#: [N] Standard deviation of a board's readings. Users' scatter by 70 counts (roger-random.github.io, "Observations on
+#: 24 Hours of HX711 Data": 350 within a minute) and by 110 (Arduino forum 351959); the greater.
+HX711_NOISE_N: Final = 110.0 / COUNTS_PER_NEWTON
 #: codes at the ends of an HX711's range (Avia data sheet)
 _LOWEST_CODE, _HIGHEST_CODE = -8388608, 8388607
 _GRAVITY: Final = 9.81

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Self
 
 from softgrip_emulator.clock import RealTimeClock, ScaledCellClock
 from softgrip_emulator.errors import EmulatorError
-from softgrip_emulator.rig.amplifier import FORMATS, EmulatedAmplifier
+from softgrip_emulator.rig.amplifier import FORMATS, HX711_NOISE_N, EmulatedAmplifier
 from softgrip_emulator.rig.grbl import EmulatedGrblStage
 from softgrip_emulator.rig.mark10_gauge import EmulatedMark10Gauge
 from softgrip_emulator.rig.mark10_stand import EmulatedMark10Stand
@@ -69,7 +69,7 @@ class EmulatedRig:
         self.clock = clock or ScaledCellClock(RealTimeClock(), time_scale)
         self.truth = truth or RigTruth.from_seed(seed)
         self.plant = plant or RigPlant(self.truth, seed)
-        self.cell = LoadCell(self.plant, GAUGE_CAPACITY, seed)
+        self.cell = LoadCell(self.plant, GAUGE_CAPACITY, seed, HX711_NOISE_N if gauge in SKETCHES else None)
         self.stand: EmulatedMark10Stand | EmulatedGrblStage = (
             EmulatedGrblStage(self.plant, settings=stage_settings, is_hal=stage == "grblhal", resets=stage_resets)
             if stage in {"grbl", "grblhal"}

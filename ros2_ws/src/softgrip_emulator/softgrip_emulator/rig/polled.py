@@ -3,7 +3,8 @@
 
 sauter: FH-BA-e-2020 p. 13 (9600 8N1; "9"; 1021.15 is +21.15 N of pull, 0011.70 is -11.70 N). andilog: Centor Touch
 V6.10 p. 22 ("F"; lines end in CR; "?" for a request it does not know). mt_sics: Mettler-Toledo 11780711 (command SI; "S
-S 100.00 g", "S +" overload). tecsis: EZE30 p. 22 ("GN<CR>" is answered "N 00000<CR>", else "ERR<CR>").
+S 100.00 g", "S +" overload). tecsis: EZE30 p. 22 ("GN<CR>" is answered "N 00000<CR>", else "ERR<CR>"), Annex A
+("N+01.100").
 """
 
 from __future__ import annotations
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from softgrip_emulator.rig.sensor import LoadCell
 
 _GRAVITY: Final = 9.81
-#: of the EZE30's net value, which its user scales
-TECSIS_COUNTS_PER_NEWTON: Final = 100.0
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ def _mt_sics(force: float) -> bytes:
 
 
 def _tecsis(force: float) -> bytes:
-    return b"ERR\r" if math.isinf(force) else b"N %05d\r" % round(force * TECSIS_COUNTS_PER_NEWTON)
+    return b"ERR\r" if math.isinf(force) else b"N%+07.3f\r" % force
 
 
 PROTOCOLS: Final = {

@@ -56,9 +56,10 @@ class LoadCell:
         line: what it hangs in.
         capacity: [N] above it the cell saturates.
         seed: of the noise.
+        noise: standard deviation of a reading by these electronics [N]; None: `RigTruth.gauge_noise`.
     """
 
-    def __init__(self, line: ForceSource, capacity: float, seed: int) -> None:
+    def __init__(self, line: ForceSource, capacity: float, seed: int, noise: float | None = None) -> None:
         self.capacity = capacity
         #: Set to stick at the last value. cut: noise instead of the force. reversed: its signal wires are swapped.
         self.stuck = False
@@ -67,6 +68,7 @@ class LoadCell:
         #: Zero drift [N/s], from the moment it is set.
         self.drift_rate = 0.0
         self._line = line
+        self._noise = noise
         self._rng = np.random.default_rng([seed, 0x4C43])
         self._lock = threading.Lock()
         self._offset = 0.0
@@ -87,7 +89,8 @@ class LoadCell:
             self._last_s = max(now_s, self._last_s)
             if not self.stuck:
                 truth = self._line.truth
-                noise = float(self._rng.normal(0.0, truth.gauge_noise))
+                stddev = truth.gauge_noise if self._noise is None else self._noise
+                noise = float(self._rng.normal(0.0, stddev))
                 sensed = 0.0 if self.cut else -self._line.force if self.reversed else self._line.force
                 self._last = sensed * truth.gauge_gain + noise + self._offset
             return (
