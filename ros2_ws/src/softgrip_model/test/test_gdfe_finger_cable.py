@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from softgrip_model.finger.predictor import assumed_friction
 from softgrip_model.gdfe.cable import CableDrive
-from softgrip_model.gdfe.closing import ClosingPath, ClosingSettings
+from softgrip_model.gdfe.closing import Body, ClosingPath, ClosingSettings, solve_closing
 from softgrip_model.gdfe.errors import GdfeError
 from softgrip_model.gdfe.finger_mesh import RESOLUTIONS
-from softgrip_model.gdfe.solver import State
+from softgrip_model.gdfe.materials import ninjaflex_ogden
+from softgrip_model.gdfe.solver import ConstitutiveLaw, State
 from softgrip_model.profile import load_directory, shipped_directory
 from softgrip_testing.calculix_cable import calculix_closings, closing_of, our_closing
 from softgrip_testing.calculix_finger import calculix_moments, our_moments, reference_closing
@@ -75,6 +77,23 @@ def test_the_cable_is_shorter_by_what_was_pulled(closing):
 
 
 @pytest.mark.slow
+def test_by_the_rigorous_law_one_long_pull_needs_few_iterations():
+    """Nearly incompressible (nu 0.49), one millimetre at once: without the tangent 13,746 iterations (pinch)."""
+    profile = load_directory(shipped_directory())["pinch"]
+    body = Body(profile, "index", RESOLUTIONS["coarse"], material=ninjaflex_ogden(0.49), law=ConstitutiveLaw.RIGOROUS)
+    settings = ClosingSettings(RESOLUTIONS["coarse"], 2.0, tolerance=1e-6, max_iterations=1500)
+    friction = assumed_friction(profile)
+    state = State(np.zeros_like(body.finger_mesh.mesh.nodes), (0.0,))
+    for pulled_mm in (1.0, 2.0):
+        found = solve_closing(settings, friction, body.solver, pulled_mm, state)
+        assert found.converged
+        state = found.state
+    load = cable_forces(body.finger_mesh, friction.law, found.displacement, found.tension[0][0])
+    free = ~body.solver.supports.prescribed[:, 0]
+    out_of_balance = (load - body.solver.internal_force(found.displacement))[free]
+    assert np.linalg.norm(out_of_balance) < 1e-5 * np.linalg.norm(found.reaction)
+
+
 def test_strips_bend_as_in_calculix():
     # CalculiX' C3D8I is softer in bending than three of our hexahedra through a strip; docs/gdfe.md has the figures
     reference, ours = calculix_moments()[4.0], our_moments(reference_closing(4.0), 4.0)

@@ -7,7 +7,11 @@
 namespace softgrip::gdfe {
 
 CableSystem::CableSystem(std::vector<Cable> cables, const Nodes& rest, Preconditioner& preconditioner)
-    : cables_(std::move(cables)), unknowns_(preconditioner.unknowns()), states_(cables_.size()), first_point_{0} {
+    : cables_(std::move(cables)),
+      unknowns_(preconditioner.unknowns()),
+      difference_(difference_step(rest)),
+      states_(cables_.size()),
+      first_point_{0} {
   for (const Cable& cable : cables_) first_point_.push_back(first_point_.back() + cable.points.size());
   if (points() > 0) solve_point_columns(preconditioner);
   measure_rest_lengths(rest);
@@ -142,7 +146,19 @@ CableState CableSystem::unit_forces(const std::vector<double>& x, std::size_t ca
   return forces;
 }
 
-void CableSystem::drive_lengths(const Task& task, const std::vector<double>& x, std::vector<double>& step) const {
+Eigen::VectorXd CableSystem::answer_of_constant(std::size_t cable, const Eigen::Matrix3Xd& force) const {
+  Eigen::VectorXd motion(static_cast<Eigen::Index>(unknowns_.count));
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const AxisUnknowns& a = unknowns_.axes[axis];
+    const Eigen::VectorXd along = force.row(static_cast<Eigen::Index>(axis));
+    motion.segment(static_cast<Eigen::Index>(a.offset), static_cast<Eigen::Index>(a.size)).noalias() =
+        point_columns_[axis]->middleCols(static_cast<Eigen::Index>(first_point_[cable]), along.size()) * along;
+  }
+  return motion;
+}
+
+void CableSystem::drive_lengths(const Task& task, const std::vector<double>& x, std::vector<double>& step,
+                                const PointAnswer& answer) const {
   for (std::size_t c = 0; c < cables_.size(); ++c) {
     double& tension_step = step[unknowns_.count + c];
     if (!task.drives[c].by_length) {
@@ -151,32 +167,18 @@ void CableSystem::drive_lengths(const Task& task, const std::vector<double>& x, 
     }
     const double scale = states_[c].tension_scale, tension = (x[unknowns_.count + c] + tension_step) / scale;
     const CableState unit = unit_forces(x, c);
-    const auto points = static_cast<Eigen::Index>(states_[c].points.size());
+    Eigen::Matrix3Xd force(3, static_cast<Eigen::Index>(unit.force.size()));
+    for (std::size_t p = 0; p < unit.force.size(); ++p) force.col(static_cast<Eigen::Index>(p)) = unit.force[p];
+    const Eigen::VectorXd motion = answer(c, force);
     double gain = 0.0, moved = 0.0;
-    std::array<Eigen::VectorXd, 3> response;  // L^-1 d
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const AxisUnknowns& a = unknowns_.axes[axis];
-      const auto column = static_cast<Eigen::Index>(axis);
-      Eigen::VectorXd force(points);
-      for (Eigen::Index p = 0; p < points; ++p) force(p) = unit.force[static_cast<std::size_t>(p)][column];
-      response[axis] = point_columns_[axis]->middleCols(static_cast<Eigen::Index>(first_point_[c]), points) * force;
-      for (std::size_t p = 0; p < states_[c].points.size(); ++p) {
-        const CablePoint& point = cables_[c].points[p];
-        for (std::size_t k = 0; k < point.nodes.size(); ++k) {
-          const int dof = a.dof[static_cast<std::size_t>(point.nodes[k])];
-          if (dof < 0) continue;
-          const double slope = unit.slope[p][column] * point.weights[k];
-          gain += slope * response[axis](dof);
-          moved += slope * step[a.offset + static_cast<std::size_t>(dof)];
-        }
-      }
-    }
+    for_each_unknown(c, [&](std::size_t unknown, std::size_t axis, std::size_t p, double weight) {
+      const double slope = unit.slope[p][static_cast<Eigen::Index>(axis)] * weight;
+      gain += slope * motion(static_cast<Eigen::Index>(unknown));
+      moved += slope * step[unknown];
+    });
     double change = gain < 0.0 ? (missing_length(task, c) - moved) / gain : 0.0;
     change = std::max(change, -tension);
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      double* of_axis = step.data() + unknowns_.axes[axis].offset;
-      for (Eigen::Index i = 0; i < response[axis].size(); ++i) of_axis[i] += change * response[axis](i);
-    }
+    for (Eigen::Index i = 0; i < motion.size(); ++i) step[static_cast<std::size_t>(i)] += change * motion(i);
     tension_step += change * scale;
   }
 }
@@ -188,8 +190,21 @@ void CableSystem::clip_tensions(std::vector<double>& x, std::vector<double>& ste
   }
 }
 
-Eigen::MatrixXd CableSystem::stiffness(const Task& task, const std::vector<double>& x, std::size_t cable,
-                                       double step) const {
+Eigen::SparseMatrix<double> CableSystem::point_reach() const {
+  std::vector<Eigen::Triplet<double>> entries;
+  for (std::size_t c = 0; c < cables_.size(); ++c) {
+    for_each_unknown(c, [&](std::size_t unknown, std::size_t axis, std::size_t p, double weight) {
+      entries.emplace_back(static_cast<Eigen::Index>(unknown),
+                           static_cast<Eigen::Index>(3 * (first_point_[c] + p) + axis), weight);
+    });
+  }
+  Eigen::SparseMatrix<double> reach(static_cast<Eigen::Index>(unknowns_.count),
+                                    static_cast<Eigen::Index>(3 * points()));
+  reach.setFromTriplets(entries.begin(), entries.end());
+  return reach;
+}
+
+Eigen::MatrixXd CableSystem::stiffness(const Task& task, const std::vector<double>& x, std::size_t cable) const {
   const std::vector<Eigen::Vector3d>& points = states_[cable].points;
   const auto size = static_cast<Eigen::Index>(3 * points.size());
   const auto forces = [&](const std::vector<Eigen::Vector3d>& at) {
@@ -199,9 +214,9 @@ Eigen::MatrixXd CableSystem::stiffness(const Task& task, const std::vector<doubl
   Eigen::MatrixXd stiffness(size, size);
   for (Eigen::Index k = 0; k < size; ++k) {
     std::vector<Eigen::Vector3d> less = points, more = points;
-    less[static_cast<std::size_t>(k / 3)][k % 3] -= step;
-    more[static_cast<std::size_t>(k / 3)][k % 3] += step;
-    stiffness.col(k) = (forces(less) - forces(more)) / (2.0 * step);
+    less[static_cast<std::size_t>(k / 3)][k % 3] -= difference_;
+    more[static_cast<std::size_t>(k / 3)][k % 3] += difference_;
+    stiffness.col(k) = (forces(less) - forces(more)) / (2.0 * difference_);
   }
   return stiffness;
 }

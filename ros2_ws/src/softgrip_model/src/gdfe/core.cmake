@@ -27,7 +27,7 @@ softgrip_core(gdfe SUBPACKAGE gdfe BINDING src/gdfe/binding.cpp
   src/gdfe/element_forces.cpp src/gdfe/factor.cpp src/gdfe/follower.cpp src/gdfe/force_assembly.cpp src/gdfe/inverted.cpp
   src/gdfe/local_step.cpp
   src/gdfe/mesh.cpp src/gdfe/multigrid.cpp src/gdfe/multigrid_cycle.cpp src/gdfe/node_rows.cpp src/gdfe/ogden.cpp
-  src/gdfe/ordering.cpp src/gdfe/panel_factor.cpp src/gdfe/panel_solve.cpp src/gdfe/preconditioner.cpp
+  src/gdfe/ordering.cpp src/gdfe/panel_cholesky.cpp src/gdfe/panel_factor.cpp src/gdfe/panel_solve.cpp src/gdfe/preconditioner.cpp
   src/gdfe/section_level.cpp src/gdfe/sections.cpp src/gdfe/simd.cpp src/gdfe/solver.cpp src/gdfe/stream.cpp
   src/gdfe/tangent.cpp src/gdfe/unknowns.cpp)
 # Highway compiles a file again for every instruction set: it includes it by its path in the package

@@ -6,17 +6,10 @@
 namespace softgrip::gdfe {
 namespace {
 
-// Of the mesh's size: beyond the noise of forces, and nothing beside what bends their slopes. Soft motions are small
-// differences of stiff ones: a coarser difference would not resolve them.
-constexpr double kDifference = 1e-8;
 // The tangent is measured again after so many iterations, and after a step in which a section would have turned further
 // [rad]: such a step is cut to that.
 constexpr int kTangentLifetime = 40;
 constexpr double kMaxTurn_rad = 0.1;
-
-double diagonal_of(const Nodes& rest) {
-  return (rest.colwise().maxCoeff() - rest.colwise().minCoeff()).norm();
-}
 
 }  // namespace
 
@@ -27,7 +20,7 @@ SectionLevel::SectionLevel(const Problem& problem, const Unknowns& unknowns, For
       cables_(cables),
       sections_(problem.hexes, static_cast<std::size_t>(problem.rest.rows()), unknowns.axes[0].nodes, problem.sections),
       first_iteration_(first_iteration),
-      difference_(kDifference * diagonal_of(problem.rest)) {}
+      difference_(difference_step(problem.rest)) {}
 
 void SectionLevel::restart() {
   has_tangent_ = false;
@@ -58,7 +51,7 @@ bool SectionLevel::measure_tangent(const Task& task, const std::vector<double>& 
         sections_.add_force(dof, weight * Eigen::Vector3d::Unit(axis), point_reach_.col(column));
       }
     });
-    const Eigen::MatrixXd stiffness = cables_.stiffness(task, x, c, difference_);
+    const Eigen::MatrixXd stiffness = cables_.stiffness(task, x, c);
     point_stiffness_.block(first, first, stiffness.rows(), stiffness.cols()) = stiffness;
   }
   return sections_.couple(point_reach_, point_stiffness_);

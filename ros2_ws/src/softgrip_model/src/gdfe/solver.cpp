@@ -49,7 +49,7 @@ Solver::Solver(const Problem& problem, const Settings& settings, const std::vect
     sections_ = std::make_unique<SectionLevel>(problem, unknowns, forces_, cables_, settings.sections_after);
   }
   if (Tangent::is_fit_for(problem, settings, unknowns)) {
-    tangent_ = std::make_unique<Tangent>(problem, unknowns, forces_);
+    tangent_ = std::make_unique<Tangent>(problem, settings, unknowns, forces_, cables_);
   }
   if (!problem.surroundings.obstacles.empty()) {
     contact_ = std::make_unique<Contact>(problem.surroundings.obstacles, problem.rest, preconditioner_);
@@ -70,17 +70,22 @@ Outcome Solver::solve(const Task& task, const Nodes& start, const std::vector<do
     outcome.length_error = balance.length_error;
     outcome.converged = balance.is_converged(task);
     if (outcome.converged || k >= task.max_iterations) break;
+    if (tangent_ && tangent_->has_overshot(balance.residual, balance.is_sound)) {
+      back_track(x, dx, 1.0);
+      continue;
+    }
     if (!balance.is_sound) {
       if (k == 0 || ++halvings > kMaxHalvings) break;
-      back_track(x, dx);
+      back_track(x, dx, 0.5);
       continue;
     }
     halvings = 0;
-    if (tangent_ && tangent_->follow(balance.residual)) anderson_.forget();  // its history is of other steps
+    if (tangent_ && tangent_->follow(k, balance.residual, task, x))
+      anderson_.forget();                        // its history is of other steps
     if (!contact_) compute_step(task, x, k, z);  // z = L^-1 z; contact forces have been found with it
     accelerate(x, z, dx);                        // x += dx
   }
-  if (tangent_ && outcome.converged) outcome.unstable_modes = tangent_->count_unstable_modes();
+  if (tangent_ && outcome.converged) outcome.unstable_modes = tangent_->count_unstable_modes(task, x);
   report(task, x, outcome);
   return outcome;
 }
@@ -136,7 +141,12 @@ void Solver::resolve_contact(const Task& task, const std::vector<double>& x, int
 // z <- L^-1 z: by the sections where there are any, by the constant matrix, and by the cables' tensions; or by the
 // tangent.
 void Solver::compute_step(const Task& task, const std::vector<double>& x, int k, std::vector<double>& z) {
-  if (tangent_ && tangent_->is_usable()) return tangent_->apply(z);
+  if (tangent_ && tangent_->is_usable()) {
+    tangent_->apply(z);
+    return cables_.drive_lengths(task, x, z, [this](std::size_t cable, const Eigen::Matrix3Xd& force) {
+      return tangent_->answer(cable, force);
+    });
+  }
   std::vector<double> motion;
   if (sections_) {
     if (sections_->is_update_due(k)) {
@@ -147,7 +157,9 @@ void Solver::compute_step(const Task& task, const std::vector<double>& x, int k,
   }
   preconditioner_.apply(z);
   for (std::size_t i = 0; i < motion.size(); ++i) z[i] += motion[i];
-  cables_.drive_lengths(task, x, z);
+  cables_.drive_lengths(task, x, z, [this](std::size_t cable, const Eigen::Matrix3Xd& force) {
+    return cables_.answer_of_constant(cable, force);
+  });
 }
 
 // x += dx, the accelerated step z: no node moves further than the limit, no cable pushes.
@@ -164,9 +176,12 @@ void Solver::accelerate(std::vector<double>& x, const std::vector<double>& z, st
   cables_.clip_tensions(x, dx);
 }
 
-// Half the last step back.
-void Solver::back_track(std::vector<double>& x, std::vector<double>& dx) {
-  for (std::size_t i = 0; i < x.size(); ++i) x[i] -= dx[i] *= 0.5;
+// A share of the last step back.
+void Solver::back_track(std::vector<double>& x, std::vector<double>& dx, double share) {
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    x[i] -= share * dx[i];
+    dx[i] *= 1.0 - share;
+  }
   anderson_.forget();
 }
 

@@ -2,11 +2,14 @@
 // All cables in the iteration: the forces they put on the mesh, and the tension that brings a driven one to its length.
 //
 // A cable driven by length has its anchor tension among the unknowns. One step of it is a Schur complement on the
-// constant matrix: with d = the direction of its pull and s = d length / d x, tension changes by (missing length - s .
-// dx) / (s . L^-1 d). The columns L^-1 S^T of the points that a cable runs through are solved for once.
+// constant matrix, or on what stands in for it: with d = the direction of its pull and s = d length / d x, tension
+// changes by (missing length - s . dx) / (s . L^-1 d). The columns L^-1 S^T of the points that a cable runs through are
+// solved for once.
 #pragma once
 
+#include <Eigen/SparseCore>
 #include <array>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -14,6 +17,9 @@
 #include "softgrip/gdfe/problem.hpp"
 
 namespace softgrip::gdfe {
+
+// How the mesh's unknowns answer forces on a cable's points, one column each.
+using PointAnswer = std::function<Eigen::VectorXd(std::size_t cable, const Eigen::Matrix3Xd& force)>;
 
 class CableSystem {
  public:
@@ -36,14 +42,18 @@ class CableSystem {
   double length_error(const Task& task, const std::vector<double>& x) const;
 
   // Adds to the step what brings every driven cable to its length, and the tension that does it.
-  void drive_lengths(const Task& task, const std::vector<double>& x, std::vector<double>& step) const;
+  void drive_lengths(const Task& task, const std::vector<double>& x, std::vector<double>& step,
+                     const PointAnswer& answer) const;
+
+  // The constant matrix's.
+  Eigen::VectorXd answer_of_constant(std::size_t cable, const Eigen::Matrix3Xd& force) const;
 
   // A cable only pulls: tensions below zero become zero, in the step that led there as well.
   void clip_tensions(std::vector<double>& x, std::vector<double>& step) const;
 
   void report(const Task& task, const std::vector<double>& x, Outcome& outcome) const;
 
-  // For a second level.
+  // For a second level, and for the tangent.
 
   // Points of the cables before this one, and of all cables.
   std::size_t first_point(std::size_t cable) const { return first_point_[cable]; }
@@ -57,8 +67,11 @@ class CableSystem {
   // Forces at a unit tension at the anchor; a slack cable has its direction at the friction law's floor.
   CableState unit_forces(const std::vector<double>& x, std::size_t cable) const;
 
-  // How the forces on a cable's points fall as these move, at its present tension; by differences over `step`.
-  Eigen::MatrixXd stiffness(const Task& task, const std::vector<double>& x, std::size_t cable, double step) const;
+  // How the forces on a cable's points fall as these move, at its present tension; by differences.
+  Eigen::MatrixXd stiffness(const Task& task, const std::vector<double>& x, std::size_t cable) const;
+
+  // Unknowns of the mesh, three columns a point: what a unit force on each puts on them.
+  Eigen::SparseMatrix<double> point_reach() const;
 
   // visit(unknown, point, weight) for every free node that a cable's points hang on, where axes have a shared dof map.
   template <class Visit>
@@ -80,6 +93,21 @@ class CableSystem {
     double tension_scale = 1.0;  // of the tension's entry in the state
   };
 
+  // visit(unknown, axis, point, weight) for every unknown that a cable's points hang on.
+  template <class Visit>
+  void for_each_unknown(std::size_t cable, const Visit& visit) const {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const AxisUnknowns& a = unknowns_.axes[axis];
+      for (std::size_t p = 0; p < cables_[cable].points.size(); ++p) {
+        const CablePoint& point = cables_[cable].points[p];
+        for (std::size_t k = 0; k < point.nodes.size(); ++k) {
+          const std::int32_t dof = a.dof[static_cast<std::size_t>(point.nodes[k])];
+          if (dof >= 0) visit(a.offset + static_cast<std::size_t>(dof), axis, p, point.weights[k]);
+        }
+      }
+    }
+  }
+
   void solve_point_columns(Preconditioner& preconditioner);
   void measure_rest_lengths(const Nodes& rest);
   void locate_points(std::size_t cable, const double* position, std::vector<Eigen::Vector3d>& points) const;
@@ -88,6 +116,7 @@ class CableSystem {
 
   std::vector<Cable> cables_;
   const Unknowns& unknowns_;
+  const double difference_;  // step of the differences [length]
   std::vector<IterationState> states_;
   std::vector<std::size_t> first_point_;                                 // per cable, and of all behind the last
   std::array<std::shared_ptr<const Eigen::MatrixXd>, 3> point_columns_;  // per axis: L^-1 S^T, one column per point

@@ -49,6 +49,12 @@ Element make_element(const Corners& rest, Metric metric = Metric::Laplacian);
 // Least det of the isoparametric map at Gauss points and corners.
 double min_jacobian(const Corners& rest);
 
+// The step of differences of forces [length]: beyond their noise, and nothing beside what bends their slopes. Soft
+// motions are small differences of stiff ones: a coarser difference would not resolve them.
+inline double difference_step(const Nodes& rest) {
+  return 1e-8 * (rest.colwise().maxCoeff() - rest.colwise().minCoeff()).norm();
+}
+
 inline Corners corners_of(const Nodes& rest, const Hexes& hexes, Eigen::Index element) {
   Corners corners;
   for (int a = 0; a < 8; ++a) corners.row(a) = rest.row(hexes(element, a));

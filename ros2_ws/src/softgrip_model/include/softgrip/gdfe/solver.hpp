@@ -55,7 +55,7 @@ class Solver {
   void resolve_contact(const Task& task, const std::vector<double>& x, int k, std::vector<double>& z, Balance& balance);
   void compute_step(const Task& task, const std::vector<double>& x, int k, std::vector<double>& z);
   void accelerate(std::vector<double>& x, const std::vector<double>& z, std::vector<double>& dx);
-  void back_track(std::vector<double>& x, std::vector<double>& dx);
+  void back_track(std::vector<double>& x, std::vector<double>& dx, double share);
   void report(const Task& task, const std::vector<double>& x, Outcome& outcome) const;
 
   const Settings settings_;

@@ -7,6 +7,7 @@
 
 #include "meshes.hpp"
 #include "softgrip/gdfe/factor.hpp"
+#include "softgrip/gdfe/panel_cholesky.hpp"
 
 namespace softgrip::gdfe {
 namespace {
@@ -63,6 +64,21 @@ TEST(Factor, RefusesAMatrixThatIsNotPositiveDefinite) {
   Eigen::MatrixXd matrix = laplacian();
   matrix(3, 3) = -1.0;
   EXPECT_THROW(Factor(sparse(matrix), false, Ordering::Amd), std::runtime_error);
+}
+
+TEST(PanelCholesky, IsTakenAgainOfAMatrixOfThatPattern) {
+  Eigen::MatrixXd matrix = laplacian();
+  PanelCholesky factor;
+  for (const double shift : {0.0, 3.0}) {
+    matrix.diagonal().array() += shift;
+    ASSERT_TRUE(factor.factorise(sparse(matrix)));
+    const Eigen::MatrixXd right = Eigen::MatrixXd::Random(matrix.rows(), 5);
+    Eigen::MatrixXd columns = right;
+    factor.solve(columns);
+    EXPECT_LT((matrix * columns - right).norm(), 1e-12 * right.norm());
+  }
+  matrix.diagonal().array() -= 100.0;
+  EXPECT_FALSE(factor.factorise(sparse(matrix)));
 }
 
 }  // namespace
