@@ -229,7 +229,8 @@ class Bench(RunningLoop):
             zero = here + float(slack[index])
             self.loop.call(lambda c, _, n=name, z=zero, m=index + 1: c.drives[n].set_zero(z, m))
         if tension:
-            outcome, reason = self.run(self.move([tension], 0.03, mode=MoveMode.TENSION))
+            speed = min(0.03, self.controller.drives[TENDONS[0]].limits.speed)
+            outcome, reason = self.run(self.move([tension], speed, mode=MoveMode.TENSION))
             assert outcome is MoveOutcome.REACHED, reason
 
     def cause(self, fault: str, **arguments) -> float:

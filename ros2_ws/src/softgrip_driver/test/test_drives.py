@@ -82,7 +82,7 @@ def test_what_a_stranger_s_package_gets_wrong_is_said(site, more, changes, text)
         ({"backend": "damiao", "servo_ids": [1, 2, 16]}, r"expected 1 to 15 with backend 'damiao', found \[16\]"),
         (
             {"backend": "damiao", "servo_models": ["DM-J4310-2EC"], "loop_rate": 200.0, "homing_tension_n": 8.0,
-             "acceleration_m_s2": 0.2, "homing_travel_m": 0.1},
+             "acceleration_m_s2": 0.2, "speed_m_s": 0.02, "homing_travel_m": 0.1},
             "expected a shaft within 12.5 rad of a DM-J4310-2EC's origin, found 17.4",
         ),
     ],

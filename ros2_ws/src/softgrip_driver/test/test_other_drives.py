@@ -46,7 +46,7 @@ def test_it_homes_where_the_tendon_becomes_taut_and_closes_a_finger(bench):
         taut, abs=ZERO_M[bench.model]
     )
     outcome, reason = bench.run(bench.move([0.015], limits_of(bench).speed))
-    assert outcome is MoveOutcome.REACHED, reason
+    assert outcome is MoveOutcome.REACHED, reason  # a Damiao's torque, read between two goals, shows less in motion
     assert bench.plant.wound_m() - bench.plant.bank.slack_m == pytest.approx(0.015, abs=ZERO_M[bench.model] + 2e-4)
     bench.pass_time(1.0)
     assert [drive.pulled_length_m for drive in bench.loop.snapshot.drives] == pytest.approx([0.015] * 3, abs=2e-4)
@@ -96,7 +96,9 @@ def test_its_faults_are_named_and_end(bench, cause, fault):
     bench.hold_taut(12.0)
     arguments = {"temperature_c": HOT_DEGC[bench.model]} if cause == "overheating" else {}
     bench.cause(cause, slot="index", **arguments)
-    assert bench.until(lambda seen: seen.drives[0].fault == fault, 2.0), bench.drive("index")
+    # a motor that comes back beyond half a turn of its origin shows another turn before its marks are looked at
+    named = {fault, "position_jump"} if fault == "rebooted" else {fault}
+    assert bench.until(lambda seen: seen.drives[0].fault in named, 2.0), bench.drive("index")
     bench.clear()
     with bench.plant.lock:
         shaft = bench.plant.servos[0].shaft

@@ -189,13 +189,14 @@ class DamiaoModel:
 
 
 #: models a tendon may hang on, by name. Seeed Studio wiki, "Damiao 43 series", table of specifications; ranges also
-#: damiao-motor 1.0.6. No document gives the friction of the gears: it is assumed
+#: damiao-motor 1.0.6. No document gives the friction of the gears: it is assumed. Each goal starts its stiff position
+#: loop anew, and its torque is read just before the next one: from 3.5 rad/s on a taut tendon then reads as slack
 MODELS: dict[str, DamiaoModel] = {
     model.name: model
     for model in (
         DamiaoModel(
             name="DM-J4310-2EC", ranges=Ranges(12.5, 30.0, 10.0), gear_ratio=10.0, stall_torque=7.0,
-            torque_per_ampere=0.945, friction_torque=0.06, temperature_limit=100.0, needs=TendonNeeds(0.08, 5.0, 20.0),
+            torque_per_ampere=0.945, friction_torque=0.06, temperature_limit=100.0, needs=TendonNeeds(0.08, 2.0, 20.0),
         ),
     )
 }  # fmt: skip
