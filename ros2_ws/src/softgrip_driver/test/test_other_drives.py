@@ -96,8 +96,8 @@ def test_its_faults_are_named_and_end(bench, cause, fault):
     bench.hold_taut(12.0)
     arguments = {"temperature_c": HOT_DEGC[bench.model]} if cause == "overheating" else {}
     bench.cause(cause, slot="index", **arguments)
-    # a motor that comes back beyond half a turn of its origin shows another turn before its marks are looked at
-    named = {fault, "position_jump"} if fault == "rebooted" else {fault}
+    # a Damiao that comes back beyond half a turn of its origin shows another turn before its marks are looked at
+    named = {fault, "position_jump"} if (cause, bench.model) == ("silent_reboot", "DM-J4310-2EC") else {fault}
     assert bench.until(lambda seen: seen.drives[0].fault in named, 2.0), bench.drive("index")
     bench.clear()
     with bench.plant.lock:

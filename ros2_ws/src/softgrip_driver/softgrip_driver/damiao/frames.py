@@ -189,8 +189,8 @@ class DamiaoModel:
 
 
 #: models a tendon may hang on, by name. Seeed Studio wiki, "Damiao 43 series", table of specifications; ranges also
-#: damiao-motor 1.0.6. No document gives the friction of the gears: it is assumed. Each goal starts its stiff position
-#: loop anew, and its torque is read just before the next one: from 3.5 rad/s on a taut tendon then reads as slack
+#: damiao-motor 1.0.6. No document gives the friction of the gears: it is assumed. Each goal gives its stiff position
+#: loop a jerk, and its torque is read just before the next one: from 3.5 rad/s on a taut tendon then reads as slack
 MODELS: dict[str, DamiaoModel] = {
     model.name: model
     for model in (
