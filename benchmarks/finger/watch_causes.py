@@ -35,20 +35,25 @@ PLANTS: dict[str, Callable[[str, int], ChangedFinger]] = {"hinges": HingedFinger
 CELLS, QUIET_CELLS = 7301, 7401
 #: Fingers of a hand.
 FINGERS = 3
-#: Quiet closings before a change, and closings after which it is asked for.
-QUIET, AFTER = 12, 5
+#: Quiet closings before a change, and closings after which it is asked for; of one that goes on.
+QUIET, AFTER, AFTER_ONGOING = 12, (5, 12), (15, 24)
 #: Closings of each of the quiet cells, under all conditions.
 LONG_QUIET = 150
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change from closing to closing (n = 1 for the first), the causes that name it, whether all fingers share it."""
+    """A change from closing to closing (n = 1 for the first), the causes that name it, whether all fingers share it.
+
+    Attributes:
+        after: closings after which it is asked for.
+    """
 
     name: str
     causes: frozenset[Cause]
     apply: Callable[[Truth, int], Truth]
     shared: bool = False
+    after: tuple[int, ...] = AFTER
 
 
 def change(name: str, causes: set[Cause], *, shared: bool = False, **to: object) -> Change:
@@ -66,6 +71,7 @@ CHANGES = (
         "friction + 1 % a closing",
         frozenset({Cause.FRICTION}),
         lambda t, n: dataclasses.replace(t, friction=1 + 0.01 * n),
+        after=AFTER_ONGOING,
     ),
     change("one contact x 2", {Cause.FRICTION}, contact=(2, 2.0)),
     change("stiffness - 5 %", SOFTER, shared=True, stiffness=0.95),
@@ -97,36 +103,44 @@ def watch_of(finger: ChangedFinger) -> CauseWatch:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What was named of a change: of its finger alone, and of the hand; and whether the former watch acts rightly."""
+    """What was named of a change: of its finger alone, and of the hand; and whether the former watch acts rightly.
+
+    Attributes:
+        after: place in `AFTER` of how many closings it was asked for after.
+    """
 
     finger_set: str
     number: int
+    after: int
     alone: tuple[Cause, ...]
     in_hand: tuple[Cause, ...]
     former: bool
 
 
-def changed(plant: str, thermometer: bool, finger_set: str, seed: int, number: int) -> Verdict:
-    """Return what is named of a change."""
-    one, calm = CHANGES[number], Truth(thermometer=thermometer)
+def changed(plant: str, thermometer: bool, finger_set: str, seed: int, number: int) -> list[Verdict]:
+    """Return what is named of a change after so many closings, and after more."""
+    one, calm, verdicts = CHANGES[number], Truth(thermometer=thermometer), []
     hand = [PLANTS[plant](finger_set, seed + 17 * number + 1000 * place) for place in range(FINGERS)]
     watches = [watch_of(finger) for finger in hand]
     former = WearMonitor(hand[0].believed, hand[0].law, WearSettings())
-    after = AFTER if "closing" not in one.name else 3 * AFTER
-    for n in range(1 - QUIET, after + 1):
+    for n in range(1 - QUIET, one.after[-1] + 1):
         for place, (finger, watch) in enumerate(zip(hand, watches, strict=True)):
             moved = n > 0 and (place == 0 or one.shared)
             closing, conditions = finger.close(one.apply(calm, n) if moved else calm)
             watch.add_closing(closing, conditions)
             if place == 0:
                 feed(former, closing)
-    alone = watches[0].diagnosis.causes
-    watches[0].join(watches[1:])
-    before = former.judge()[0]
-    friction_right = Cause.FRICTION in one.causes and before is WearVerdict.RECALIBRATE
-    stiffness_right = Cause.STIFFNESS in one.causes and before is WearVerdict.WORN
-    in_hand = watches[0].diagnosis.causes
-    return Verdict(finger_set, number, alone, in_hand, friction_right or stiffness_right)
+        if n in one.after:
+            before = former.judge()[0]
+            friction_right = Cause.FRICTION in one.causes and before is WearVerdict.RECALIBRATE
+            stiffness_right = Cause.STIFFNESS in one.causes and before is WearVerdict.WORN
+            alone = watches[0].diagnosis.causes
+            watches[0].join(watches[1:])
+            in_hand = watches[0].diagnosis.causes
+            watches[0].join(())
+            after = one.after.index(n)
+            verdicts.append(Verdict(finger_set, number, after, alone, in_hand, friction_right or stiffness_right))
+    return verdicts
 
 
 def feed(former: WearMonitor, closing: tuple[ClosingInstant, ...]) -> None:
@@ -193,6 +207,19 @@ def parser() -> argparse.ArgumentParser:
     return made
 
 
+def say_right(found: Sequence[Verdict], what_with: str, after: int) -> None:
+    """Print how often the right cause comes first."""
+    former = percent([v.former for v in found])
+    for what, causes in (("finger alone", [v.alone for v in found]), ("hand of three", [v.in_hand for v in found])):
+        pairs = list(zip(causes, found, strict=True))
+        claim(
+            f"right cause, {what}, after {after} closings", percent([first(*pair) for pair in pairs]), "%",
+            better="higher", goal=90.0, runs=len(found), peer="former watch", peer_value=former,
+            note=f"{what_with}; {len(CHANGES)} changes; among the first two: "
+            f"{percent([among(*pair, 2) for pair in pairs]):.1f} %",
+        )  # fmt: skip
+
+
 def main() -> int:
     """Print the claims."""
     options = parser().parse_args()
@@ -206,19 +233,13 @@ def main() -> int:
         for seed in seeds
     ]
     with ProcessPoolExecutor() as pool:
-        found = list(pool.map(changed, *zip(*cases, strict=True), chunksize=4))
+        every = [one for each in pool.map(changed, *zip(*cases, strict=True), chunksize=4) for one in each]
         calm = list(pool.map(functools.partial(quiet, plant, options.thermometer), quiet_seeds))
-    print(table(found), file=sys.stderr)
     closings, worn = (sum(column) for column in zip(*calm, strict=True))
-    former = percent([v.former for v in found])
-    for what, causes in (("finger alone", [v.alone for v in found]), ("hand of three", [v.in_hand for v in found])):
-        pairs = list(zip(causes, found, strict=True))
-        claim(
-            f"right cause, {what}", percent([first(*pair) for pair in pairs]), "%", better="higher", goal=90.0,
-            runs=len(found), peer="former watch", peer_value=former,
-            note=f"{plant}, {with_what}; {len(CHANGES)} changes, {AFTER} closings after each; among the first two: "
-            f"{percent([among(*pair, 2) for pair in pairs]):.1f} %",
-        )  # fmt: skip
+    for place, after in enumerate(AFTER):
+        found = [verdict for verdict in every if verdict.after == place]
+        print(f"after {after} closings\n{table(found)}", file=sys.stderr)
+        say_right(found, f"{plant}, {with_what}", after)
     claim(
         "false worn", 1e4 * worn / closings, "of 10,000 closings", better="lower", goal=1.0, runs=closings,
         note=f"{plant}, {with_what}; rests 0.5-60 s, 6-20 mm/s, +-10 K",

@@ -2,7 +2,7 @@
 """Which of the 25 changes of `watch_causes` the sensors can tell from another cause at all, by one finger's closings.
 
 Everything is known here: the true finger and all noise. A change is told from the wrong cause that fits it best when
-what that cause leaves is large beside the noise of the means of 5 closings and of 12 before. Printed are those
+what that cause leaves is large beside the noise of the means of 12 closings and of 12 before. Printed are those
 distances in standard deviations: two equally likely causes are told apart in 90 % of cases from 2.6 on.
 """
 
@@ -63,7 +63,7 @@ def whitening(finger: HingedFinger) -> Array:
     white = np.concatenate([np.full(2 * len(PULLS_MM), TIP_MM), TENSION * calm[2 * len(PULLS_MM) :]])
     each = ((SCATTER_MM, 1.0, 1.0), (0.0, 1.0 + WANDER, 1.0), (0.0, 1.0, 1.0 + WANDER))
     wander = np.column_stack([closing(finger, Truth(), *one) - calm for one in each])
-    covariance = (1.0 / AFTER + 1.0 / QUIET) * (np.diag(white**2) + wander @ wander.T)
+    covariance = (1.0 / AFTER[-1] + 1.0 / QUIET) * (np.diag(white**2) + wander @ wander.T)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 
 
@@ -74,7 +74,7 @@ def is_right(cause: Cause, change: Change) -> bool:
 
 def distances(finger: HingedFinger, change: Change, root: Array) -> tuple[float, Cause, float]:
     """Return how far a change is from none, the wrong cause that is nearest to it, and how far that is."""
-    truth = change.apply(Truth(), AFTER if "closing" not in change.name else 3 * AFTER - 2)
+    truth = change.apply(Truth(), change.after[-1] - AFTER[-1] // 2)  # as it is in their midst
     calm, seen = closing(finger, Truth()), closing(finger, truth)
     nearest = (Cause.NONE_OF_THESE, math.inf)
     for cause, count, to in CAUSES:

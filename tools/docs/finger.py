@@ -416,7 +416,8 @@ def watch_values() -> dict[str, str]:
     return {
         "baseline": str(WATCH.baseline),
         "settled": str(WATCH.settled),
-        "window": str(WATCH.window),
+        "windows": f"{', '.join(map(str, WATCH.windows[:-1]))} and {WATCH.windows[-1]}",
+        "steady": f"{WATCH.steady_limit:g}",
         "model_errors": ", ".join(f"{100 * error:g}" for error in WATCH.model_errors),
         "misfit_share": f"{100 * WATCH.misfit_share:g}",
         "odds": f"{math.exp(WATCH.expected_odds):.0f}",

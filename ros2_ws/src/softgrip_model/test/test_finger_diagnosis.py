@@ -103,6 +103,31 @@ def test_the_cause_is_named(profiles: dict[str, Profile], name: str) -> None:
     assert found is verdict if verdict is not None else found in {WearVerdict.WATCH, WearVerdict.RECALIBRATE}
 
 
+def test_an_odd_closing_is_over_when_it_is_over(profiles: dict[str, Profile]) -> None:
+    """Closings before and after it have no mean, so the windows that still hold it say nothing."""
+    for seed in (1, 2):
+        finger, watch = settled(profiles, seed)
+        for ripple in (4.0, 4.0):
+            watch.add_closing(finger.close(ripple=ripple), USUAL)
+            assert watch.diagnosis.causes == (Cause.NONE_OF_THESE,)
+        for _ in range(12):
+            watch.add_closing(finger.close(), USUAL)
+            assert watch.judge() == (WearVerdict.OK, "")
+
+
+def test_a_zero_that_moved_a_little_is_named_in_the_end(profiles: dict[str, Profile]) -> None:
+    """0.15 mm, a third of what one closing shows: 12 in a row have a mean that says it."""
+    for seed in (1, 2, 3, 4):
+        finger, watch = settled(profiles, seed)
+        for _ in range(2):  # of 12 calm ones
+            watch.add_closing(finger.close(), USUAL)
+        watch.add_closing(finger.close(zero=0.15), USUAL)
+        assert watch.diagnosis.causes == ()
+        for _ in range(11):
+            watch.add_closing(finger.close(zero=0.15), USUAL)
+        assert watch.diagnosis.causes == (Cause.ZERO,)
+
+
 def test_heat_and_motor_never_wear_a_finger_out(profiles: dict[str, Profile]) -> None:
     """Softer by 15 % or a motor 12 % stronger condemned good fingers once."""
     for to in ({"stiffness": 0.85}, {"gain": 1.12}):

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
+from softgrip_model.finger.closing_difference import ClosingDifference, ClosingResidual, ClosingScatter
 from softgrip_model.finger.closing_samples import ClosingCollector, ClosingInstant
 from softgrip_model.finger.hand import Softening, log_odds_of_heat
 from softgrip_model.finger.hypotheses import Cause, OwnClosing, Weighed, hypotheses, proportional, weigh
@@ -71,7 +71,9 @@ class WatchSettings:
     Attributes:
         baseline: closings that set what is known before the first verdict.
         settled: calm closings after which the baseline stays as it is, so that slow changes are not taken in.
-        window: latest closings whose residuals are averaged.
+        windows: so many latest closings are averaged, each in turn, 1 among them: a large change shows at once, a small
+            one in the mean of many.
+        steady_limit: standard deviations by which a window's closings may differ among themselves; others have no mean.
         limit: log-likelihood ratio of a cause to no change from which there is one.
         worn_limit: the same for calling a finger worn.
         margin: of a cause to the next from which it alone is named.
@@ -87,7 +89,8 @@ class WatchSettings:
 
     baseline: int = 5
     settled: int = 12
-    window: int = 5
+    windows: tuple[int, ...] = (1, 2, 5, 12)
+    steady_limit: float = 3.0
     limit: float = 6.0
     worn_limit: float = 15.0
     margin: float = 3.0
@@ -149,69 +152,6 @@ class Diagnosis:
         return tuple(explanation.cause for explanation in self.explanations)
 
 
-#: Smallest scatter of closings that is believed: tips [mm], tensions [1], pull [mm], stiffness, friction [1].
-_MIN_TIP_MM, _MIN_TENSION, _MIN_PULL_MM, _MIN_STIFFNESS, _MIN_FRICTION = 0.1, 0.01, 0.02, 0.01, 0.02
-
-
-@dataclass(frozen=True, eq=False)
-class _Residual:
-    """Measured less expected of a closing with K samples, and what may change it.
-
-    Attributes:
-        pulled_mm, tension_n: (K,) pulled length, tension that the profile's finger has there.
-        value: (3 K,), tips x and y one after the other, then tensions.
-        wandering: (3 K, 3) slopes to the pull [mm], the stiffness and the friction [1]: these differ a little from
-            closing to closing.
-        slack: samples before the tendon became taut.
-    """
-
-    pulled_mm: Array
-    tension_n: Array
-    value: Array
-    wandering: Array
-    slack: int
-
-    @property
-    def samples(self) -> int:
-        """K."""
-        return len(self.tension_n)
-
-    def between(self, first: int, end: int) -> _Residual:
-        """Return that of some of the samples."""
-        tips = 2 * self.samples
-        rows, part = [*range(2 * first, 2 * end), *range(tips + first, tips + end)], slice(first, end)
-        return _Residual(self.pulled_mm[part], self.tension_n[part], self.value[rows], self.wandering[rows], 0)
-
-
-@dataclass(frozen=True, eq=False)
-class _Scatter:
-    """Mean of calm closings' residuals, and the covariance of one more closing about it."""
-
-    mean: Array
-    covariance: Array
-
-    @classmethod
-    def of(cls, calm: Sequence[_Residual]) -> _Scatter:
-        """Estimate it: each closing's wandering by least squares, what is left as noise of tips and of tensions."""
-        count, newest = len(calm), calm[-1]
-        values = np.array([one.value for one in calm])
-        mean = values.mean(axis=0)
-        tips = 2 * newest.samples
-        weight = np.concatenate([np.full(tips, 1.0), 1.0 / (0.05 * newest.tension_n + 0.05)])
-        slope = newest.wandering * weight[:, None]
-        shifts = np.linalg.lstsq(slope, ((values - mean) * weight).T, rcond=None)[0].T
-        left = values - mean - shifts @ newest.wandering.T
-        # the fewer closings, the further the next may lie (the factor of a predictive t distribution)
-        widen = (count + 1.0) / (count - 2.0)
-        smallest = np.array([_MIN_PULL_MM, _MIN_STIFFNESS, _MIN_FRICTION])
-        wander = widen * shifts.T @ shifts / count + np.diag(smallest**2)
-        tip_mm = max(_MIN_TIP_MM, math.sqrt(widen * float((left[:, :tips] ** 2).mean())))
-        relative = left[:, tips:] / (newest.tension_n + 0.1)
-        tension = max(_MIN_TENSION, math.sqrt(widen * float((relative**2).mean())))
-        white = np.concatenate([np.full(tips, tip_mm), tension * (newest.tension_n + 0.1)])
-        return cls(mean, np.diag(white**2) + newest.wandering @ wander @ newest.wandering.T)
-
-
 @dataclass(frozen=True, eq=False)
 class _Found:
     """What some closings say: each cause weighed, squared residuals in standard deviations, how many there are."""
@@ -243,9 +183,9 @@ class CauseWatch:
         self._collector = ClosingCollector(SAMPLING)
         self._reference = Knowledge.prior(causes)
         self._first: list[tuple[ClosingInstant, ...]] = []
-        self._calm: list[_Residual] = []
+        self._calm: list[ClosingResidual] = []
         self._usual: list[ClosingConditions] = []
-        self._latest: deque[tuple[_Residual, ClosingConditions]] = deque(maxlen=settings.window)
+        self._latest: deque[tuple[ClosingResidual, ClosingConditions]] = deque(maxlen=max(settings.windows))
         self._ended: int | None = None
         self._furthest_mm = self._further_mm = 0.0
         self.closings = 0
@@ -380,7 +320,7 @@ class CauseWatch:
         self._furthest_mm = max(self._furthest_mm, last.pulled_mm)
         return made
 
-    def _residual(self, closing: tuple[ClosingInstant, ...]) -> _Residual | None:
+    def _residual(self, closing: tuple[ClosingInstant, ...]) -> ClosingResidual | None:
         expected = Expectation.of(self._causes, self._reference.mean, closing)
         if expected is None:
             return None
@@ -391,7 +331,7 @@ class CauseWatch:
         )
         tension_n = np.array([sample.tension_n for sample in closing])
         taut = np.flatnonzero(tension_n > _SLACK * expected.value[2 * len(closing) :])
-        return _Residual(
+        return ClosingResidual(
             np.array([sample.pulled_mm for sample in closing]),
             np.array([sample.predicted_n for sample in closing]),
             measured(closing) - expected.value,
@@ -400,26 +340,28 @@ class CauseWatch:
         )
 
     def _weigh(self) -> _Found:
-        """Weigh all causes by whichever has changed most: the last closing, the last two or all of the window."""
-        latest = [one for one, _ in self._latest]
+        """Weigh all causes by whichever has changed most: the last closing, or any window of steady ones."""
+        counts = sorted({min(count, len(self._latest)) for count in self._settings.windows})
+        differences = [self._difference(count) for count in counts]
+        change = max((one for one in differences if one is not None), key=lambda one: one.beyond_chance)
+        own = OwnClosing(self._causes, self._reference.mean, change.pulled_mm, change.tension_n, change.usual)
+        softening = self._softening()
+        # no larger than by chance: no cause can be likely, but the other fingers ask for the softening
+        quiet = change.beyond_chance < 0.0
+        causes = [proportional(own, *softening)] if quiet else hypotheses(own, *softening)
+        weighed = [weigh(one, change.residual, change.root, self._settings.model_errors) for one in causes]
+        return _Found(tuple(one for one in weighed if one is not None), change.squared, len(change.residual))
+
+    def _difference(self, count: int) -> ClosingDifference | None:
+        """Return how the last ``count`` closings differ from the calm ones; None where they differ among themselves."""
+        latest = [one for one, _ in self._latest][-count:]
         end = min(one.samples for one in (*latest, *self._calm))
         # a slack tendon shows how the finger rests, not how it closes
         taut = max(one.slack for one in latest)
         first = taut if end - taut >= _MIN_TAUT else 0
         calm, latest = ([one.between(first, end) for one in each] for each in (self._calm, latest))
-        usual, newest = _Scatter.of(calm), latest[-1]
-        own = OwnClosing(self._causes, self._reference.mean, newest.pulled_mm, newest.tension_n, usual.mean)
-        softening, windows = self._softening(), []
-        for count in sorted({1, min(2, len(latest)), len(latest)}):
-            residual = np.mean([one.value for one in latest[-count:]], axis=0) - usual.mean
-            root = np.asarray(np.linalg.cholesky((1.0 / count + 1.0 / len(calm)) * usual.covariance), np.float64)
-            windows.append((float((solve_triangular(root, residual, lower=True) ** 2).sum()), residual, root))
-        squared, residual, root = max(windows, key=lambda one: one[0])
-        # no larger than by chance: no cause can be likely, but the other fingers ask for the softening
-        quiet = squared < len(residual)
-        causes = [proportional(own, *softening)] if quiet else hypotheses(own, *softening)
-        weighed = [weigh(one, residual, root, self._settings.model_errors) for one in causes]
-        return _Found(tuple(one for one in weighed if one is not None), squared, len(residual))
+        found = ClosingDifference.of(ClosingScatter.of(calm), len(calm), latest)
+        return found if found.spread <= self._settings.steady_limit else None
 
     def _now_unusual(self) -> str:
         """Return `_unusual` of the latest closing."""
