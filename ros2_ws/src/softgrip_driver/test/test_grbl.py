@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import pytest
 
+from softgrip_driver.commands.stage import home
 from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError
 from softgrip_driver.rig.build import make_stage
 from softgrip_driver.rig.grbl import StageStart
@@ -91,6 +92,26 @@ def test_a_lock_is_left_as_asked_each_time_that_it_is_opened(
         assert rig.stand.homings == opened * homings
         goes(rig, stage, world)
         stage.close()
+
+
+@pytest.mark.parametrize("start", ["unlock", "home"])
+def test_the_command_homes_a_stage_once_locked_or_not(make_stage_of, world, start) -> None:
+    """One that was locked has been driven home as it was opened."""
+    rig, stage = make_stage_of(start, stage_settings={22: 1.0})
+    stage.open()
+    home(stage)
+    assert rig.stand.homings == 1
+    assert stage.travel() == pytest.approx(0.0, abs=1e-6)
+    goes(rig, stage, world)
+
+
+def test_the_command_says_what_cannot_be_homed(make_stage_of, tmp_path) -> None:
+    _, stage = make_stage_of("home")
+    stage.open()
+    with pytest.raises(DeviceRefusedError, match=r"\$22=1"):
+        home(stage)
+    with pytest.raises(DeviceRefusedError, match="expected --kind grbl"):
+        home(make_stage("mark10", str(tmp_path / "stand")))
 
 
 def test_homing_without_switches_is_refused_with_the_setting(make_stage_of) -> None:

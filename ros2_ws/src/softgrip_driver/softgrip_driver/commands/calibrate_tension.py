@@ -33,6 +33,7 @@ from softgrip_driver.feetech import registers as feetech_registers
 from softgrip_driver.rig.build import make_gauge
 from softgrip_driver.rig.devices import Gauge
 from softgrip_driver.tendon.backend import DriveReading, Setpoint
+from softgrip_driver.tendon.needs import EARLY_SHUTDOWN_SHARE
 from softgrip_driver.tendon.safety_store import check_port_is_free_to_move
 from softgrip_driver.tendon.units import Spool, TorqueModel, fit_torque_model
 from softgrip_driver.tendon.winding import MotorReading, Winding, fit_winding
@@ -59,8 +60,6 @@ PACES = (1.0, 1.0 / 3.0)
 WEIGHT_PACES = (*PACES, 4.0)
 #: [m/s^2]
 GRAVITY = 9.80665
-#: of the stall torque: users saw servos that bore more for seconds shut down (docs/emulator.md)
-EARLY_SHUTDOWN_SHARE = 0.36
 #: [s] that a servo may take to stand at its limit, [s] that it has to stand, [m] its goal is ahead of it meanwhile
 LIMIT_TIMEOUT_S, LIMIT_STANDS_S, LIMIT_AHEAD_M = 4.0, 0.3, 0.002
 #: a current this close to the goal current, relative, is the one that is limited

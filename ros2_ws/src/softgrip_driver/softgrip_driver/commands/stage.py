@@ -8,10 +8,10 @@ import sys
 from collections.abc import Sequence
 
 from softgrip_driver.commands.common import DONE, number, parser, run
-from softgrip_driver.errors import StageStalledError
+from softgrip_driver.errors import DeviceRefusedError, StageStalledError
 from softgrip_driver.rig.build import STAGES, make_stage
 from softgrip_driver.rig.devices import Stage
-from softgrip_driver.rig.grbl import StageStart
+from softgrip_driver.rig.grbl import GrblStage, StageStart
 from softgrip_driver.tendon.safety_store import check_port_is_free_to_move
 from softgrip_time import Clock, WallClock
 
@@ -48,6 +48,19 @@ def jog(stage: Stage, way_mm: float, speed_mm_s: float, clock: Clock) -> float:
     return here
 
 
+def home(stage: Stage) -> None:
+    """Drive a stage to its switches, which moves it at once, unless it was driven there when it was opened.
+
+    Raises:
+        RefusedError: it has none, or did not find them.
+    """
+    if not isinstance(stage, GrblStage):
+        raise DeviceRefusedError("stage: expected --kind grbl, whose switches are a zero, with --start home", 0)
+    if not stage.is_homed:
+        stage.home()
+        stage.zero()
+
+
 def work(options: argparse.Namespace) -> int:
     """Connect, say, jog."""
     if options.jog or options.start == StageStart.HOME:
@@ -59,6 +72,9 @@ def work(options: argparse.Namespace) -> int:
         print(f"{identity.model} {identity.serial}".strip())
         for warning in identity.warnings:
             print(f"-> {warning}")
+        if options.start == StageStart.HOME:
+            home(stage)
+            print("stands at its switches")
         if options.jog:
             print(f"went {jog(stage, options.jog, options.speed, clock):+.2f} mm; {_question(options.jog)}")
     finally:
@@ -77,7 +93,8 @@ def main(args: Sequence[str] | None = None) -> int:
     arguments.add_argument("--kind", choices=STAGES, default="grbl", help="default %(default)s")
     arguments.add_argument(
         "--start", choices=[one.value for one in StageStart], default=StageStart.REFUSE.value,
-        help="what to do where it is locked, default %(default)s",
+        help="home: drive to its switches, locked or not; refuse, unlock: what to do where it is locked; "
+        "default %(default)s",
     )  # fmt: skip
     arguments.add_argument(
         "--jog", type=number(-50.0, 50.0), default=0.0, metavar="MM", help="go so far; positive must pull"

@@ -7,17 +7,17 @@ Addresses are common to the models here; scales, limits and defaults differ and 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum, IntFlag
 
-from softgrip_driver.tendon.needs import TendonNeeds
+from softgrip_driver.tendon.needs import EARLY_SHUTDOWN_SHARE, TendonNeeds
 from softgrip_driver.tendon.winding import RatedMotor
 
 PULSES_PER_TURN = 4096
 RAD_PER_PULSE = 2.0 * math.pi / PULSES_PER_TURN
 #: one unit of the velocity items: 0.229 rpm
 RAD_PER_S_PER_UNIT = 0.229 * 2.0 * math.pi / 60.0
-#: one unit of the profile acceleration: 214.577 rev/min^2
+#: [V] one unit of the input voltage items
 VOLT_PER_UNIT = 0.1
 WATCHDOG_SECONDS_PER_UNIT = 0.020
 RETURN_DELAY_SECONDS_PER_UNIT = 2e-6
@@ -180,7 +180,8 @@ def _xm(
     return ServoModel(
         name=name, number=number, ampere_per_unit=0.00269, current_limit_units=limit, senses=CurrentSensing.WINDING,
         rated_voltage=12.0, stall_torque=torque, stall_current=stall, no_load_speed=_rpm(rpm), no_load_current=idle,
-        fast_sync_read_firmware=45, temperature_limit=80.0, voltage_range=(10.0, 14.8), needs=needs,
+        fast_sync_read_firmware=45, temperature_limit=80.0, voltage_range=(10.0, 14.8),
+        needs=replace(needs, lasting_share=EARLY_SHUTDOWN_SHARE),
     )  # fmt: skip
 
 

@@ -82,6 +82,8 @@ class GrblStage:
         self._zero_mm = 0.0
         self._offset_mm: float | None = 0.0
         self._mm_per_unit = 1.0
+        self.is_homed = False
+        """It has driven to its switches since it was opened."""
 
     def open(self) -> DeviceIdentity:
         """Connect, wait until it runs, stand still, read its settings, leave a lock as asked, set millimetres.
@@ -90,6 +92,7 @@ class GrblStage:
             RefusedError: it is locked by an alarm.
         """
         self._port.open()
+        self.is_homed = False
         version = self._await_running()
         self.stop()
         warnings = self._take_settings(self._settings())
@@ -158,6 +161,7 @@ class GrblStage:
             self._command("$H", HOMING_TIMEOUT_S)
         except DeviceRefusedError as error:
             raise DeviceRefusedError(f"GRBL: expected it to find its switches: {error}", error.code) from error
+        self.is_homed = True
 
     def close(self) -> None:
         """Stop and disconnect."""

@@ -15,6 +15,8 @@ from softgrip_driver.tendon.units import Spool
 #: share of the stall torque that a servo can hold until the driver backs off; from some three quarters on its own
 #: overload shutdown may be quicker
 LASTING_SHARE = 0.7
+#: the same of servos that users saw shut down in seconds from some 0.4 on (docs/emulator.md)
+EARLY_SHUTDOWN_SHARE = 0.36
 #: [Hz] of the control loop, where nothing else is said
 SHIPPED_LOOP_RATE = 100.0
 
@@ -28,12 +30,14 @@ class TendonNeeds:
         speed: [rad/s] up to which the data sheet's friction is good enough to feel a light finger.
         acceleration: [rad/s^2] up to which the motor's inertia does not pass for tension.
         loop_rate: [Hz] from which goals come smoothly enough: a stiff position control starts and stops with each one.
+        lasting_share: of the stall torque, which no tension limit may exceed.
     """
 
     homing_torque: float
     speed: float
     acceleration: float
     loop_rate: float = 200.0
+    lasting_share: float = LASTING_SHARE
 
 
 class GearedMotor(Protocol):
@@ -56,10 +60,15 @@ class GearedMotor(Protocol):
         """Return what it asks of the limits."""
 
 
+def lasting_tension(motor: GearedMotor, radius: float) -> float:
+    """Return the tension [N] that a motor on a spool of a radius [m] holds until the driver backs off."""
+    return motor.needs.lasting_share * motor.stall_torque / radius
+
+
 def fitted_limits(limits: TendonLimits, motor: GearedMotor, radius: float) -> TendonLimits:
     """Return limits that a motor on a spool of a radius [m] can keep, as near to the given ones as they can be."""
     homing = max(limits.homing_tension, motor.needs.homing_torque / radius)
-    soft = min(limits.tension_soft, LASTING_SHARE * motor.stall_torque / radius)
+    soft = min(limits.tension_soft, lasting_tension(motor, radius))
     return replace(
         limits,
         homing_tension=homing,
@@ -83,7 +92,7 @@ def required_limits(servos: Sequence[tuple[GearedMotor, float]]) -> dict[str, fl
     maxima = {
         "speed": min(model.needs.speed * radius for model, radius in servos),
         "acceleration": min(model.needs.acceleration * radius for model, radius in servos),
-        "tension_soft": min(LASTING_SHARE * model.stall_torque / radius for model, radius in servos),
+        "tension_soft": min(lasting_tension(model, radius) for model, radius in servos),
         "temperature_limit": min(model.temperature_limit for model, _ in servos),
     }
     rounding = 1e-6
@@ -112,12 +121,12 @@ def check_motor(motor: GearedMotor, spool: Spool, limits: TendonLimits, loop_rat
             f"at which a {motor.name} lets go of everything, found {limits.temperature_limit:g}"
         )
     _check_needs(motor, spool, limits, loop_rate)
-    lasting = LASTING_SHARE * motor.stall_torque / spool.radius
+    lasting = lasting_tension(motor, spool.radius)
     if limits.tension_soft > lasting:
         raise ConfigurationError(
-            f"parameter {LIMIT_PARAMETERS['tension_soft']}: expected at most {lasting:.1f} N, {LASTING_SHARE:.0%} of a "
-            f"{motor.name}'s stall on a spool of {spool.radius * 1e3:g} mm, found {limits.tension_soft:g}; with more "
-            "it may shut down within seconds and let go"
+            f"parameter {LIMIT_PARAMETERS['tension_soft']}: expected at most {lasting:.1f} N, "
+            f"{motor.needs.lasting_share:.0%} of a {motor.name}'s stall on a spool of {spool.radius * 1e3:g} mm, found "
+            f"{limits.tension_soft:g}; with more it may shut down within seconds and let go"
         )
 
 
