@@ -2,6 +2,7 @@
 """Facts of the emulated devices beside what other people's programs and measurements say, quoted with their places."""
 
 import math
+import re
 import struct
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import yaml
 from softgrip_emulator import damiao
 from softgrip_emulator.damiao import motor as damiao_motor
 from softgrip_emulator.damiao.motor import EmulatedDamiaoMotor
+from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.motion import ServoDrive
 from softgrip_emulator.dynamixel.servo import EmulatedHardwareError, EmulatedServo, Shaft
 from softgrip_emulator.dynamixel.table import available_models, load_model
@@ -20,6 +22,9 @@ from softgrip_emulator.feetech.servo import DUTY_PER_RAD, EmulatedFeetechServo
 from softgrip_emulator.plant.motor import Motor
 from softgrip_emulator.rig.amplifier import EmulatedAmplifier, counts_of
 from softgrip_emulator.rig.emulated import EmulatedRig
+from softgrip_emulator.rig.mark10_gauge import EmulatedMark10Gauge
+from softgrip_emulator.rig.mark10_stand import EmulatedMark10Stand
+from softgrip_emulator.rig.plant import RigPlant
 from softgrip_emulator.rig.polled import EmulatedPolledGauge
 from softgrip_emulator.rig.sketches import CLOCK_RATIO, EmulatedBoard
 from softgrip_emulator.rig.truth import RigTruth
@@ -402,3 +407,199 @@ def test_a_sauter_answers_as_an_fh_500_does(force):
     assert len(answer.data) == 7
     magnitude = float(answer.data[1:])
     assert (magnitude if answer.data[:1] == b"1" else -magnitude) == pytest.approx(force, abs=0.005)
+
+
+#: ToddlerBot's servos: Coulomb friction [N m], viscous friction [N m s], inertia [kg m^2], each with its share of ours.
+TODDLERBOT = {
+    "xc330_t288": ((0.006, 0.6), (0.001, 0.5), (0.0048, 4.8)),
+    "xm430_w350": ((0.105, 1.31), (0.0133, 0.67), (0.0025, 0.21)),
+    "xm430_w210": ((0.038, 0.79), (0.0064, 0.89), (0.0022, 0.51)),
+    "xc430_w240": ((0.014, 0.33), (0.0072, 1.11), (0.0044, 0.76)),
+    "xl430_w250": ((0.069, 2.23), (0.0013, 0.22), (0.0083, 1.30)),
+}
+
+
+@pytest.mark.parametrize("name", TODDLERBOT)
+def test_toddlerbot_s_servos_are_as_far_from_ours_as_docs_say(name):
+    """google-deepmind/mujoco_menagerie 24b360ce, toddlerbot_2xm.xml, classes XC330, XM430-W350, -W210, XC430, 2XL430.
+
+    Attributes frictionloss, damping, armature. An XC330 is 4.8 times as heavy as assumed, a W350 a fifth.
+    """
+    motor = load_model(name).motor
+    ours = (motor.gear_friction_nm, motor.gear_viscous_nms, motor.inertia_kgm2)
+    for own, (theirs, share) in zip(ours, TODDLERBOT[name], strict=True):
+        assert theirs / own == pytest.approx(share, abs=0.01)
+
+
+def test_an_xm430_begins_to_turn_below_what_interbotix_lets_stand():
+    """Interbotix/interbotix_ros_manipulators a4b7e511, motor_specs_wx250s.yaml, waist: 1.793 N m/A, no load 0.1 A.
+
+    "should be as large as possible without the joint accelerating by itself"; its bearing rubs, too.
+    """
+    motor = load_model("xm430_w350").motor
+    assert motor.stall_torque_nm / motor.stall_current_a == pytest.approx(1.793, rel=0.01)
+    assert 1.793 * 0.1 / motor.gear_friction_nm == pytest.approx(2.24, abs=0.02)
+
+
+@pytest.mark.parametrize(("name", "seen_c", "missing_k"), [("xl330_m288", 23.0, -1.0), ("xc330_t288", 45.0, 21.0)])
+def test_an_idle_servo_stays_as_cool_as_an_xl330_and_cooler_than_an_xc330(name, seen_c, missing_k):
+    """ROBOTIS forum 1992: at idle "Most are in the 45-55c range", "the XL330-M288 servos all sit at around 17-23c"."""
+    motor = Motor(load_model(name).motor, Shaft(), spool_radius_m=0.010)
+    for _ in range(36_000):
+        motor.step(ServoDrive(), 0.0, motor.ratings.nominal_voltage_v, 0.1)
+    assert seen_c - motor.shaft.temperature_c == pytest.approx(missing_k, abs=0.5)
+
+
+@pytest.mark.parametrize(("gap_s", "forgotten"), [(0.02, False), (0.6, True)])
+def test_an_interrupted_packet_is_forgotten_as_robotis_parser_forgets(gap_s, forgotten):
+    """ROBOTIS-GIT/DynamixelShield 84f513c, src/util/dxl.cpp: rx_timeout 500*1000 [us]; ours after 50 ms.
+
+    A gap of 20 ms is short to both, one of 600 ms long.
+    """
+    chain = DynamixelChain([EmulatedServo(load_model("xl330_m288"), 1)])
+    chain.opened(0.0)
+    ping = bytes.fromhex("fffffd0001030001194e")
+    chain.exchange(ping[:6], 1.0, 57600)
+    assert bool(chain.exchange(ping[6:], 1.0 + gap_s, 57600)) is not forgotten
+    assert chain.exchange(ping, 3.0, 57600)
+
+
+def test_an_sts3215_keeps_a_goal_beyond_its_limits_and_turns_to_the_nearer_one():
+    """huggingface/lerobot issue 3585 (0o8o0-blip, 2026-05-12): "internally clamping the goal to the nearest edge".
+
+    "The `Goal_Position` register itself is left at the value the host wrote".
+    """
+    described = feetech_memory.load_model("STS3215")
+    servo = EmulatedFeetechServo(described, 1)
+    servo.write(9, struct.pack("<HH", 500, 1000))
+    motor = Motor(described.motor, servo.shaft, spool_radius_m=0.010)
+    servo.write(42, struct.pack("<H", 3000))
+    assert servo.holds
+    for step in range(5000):
+        motor.step(servo.step(1e-3 * step, 1e-3), 0.0, 7.4, 1e-3)
+    assert servo.read(42, 2) == struct.pack("<H", 3000)
+    assert servo.status == 0
+    (position,) = struct.unpack("<H", servo.read(56, 2))
+    assert position == pytest.approx(1000, abs=5)
+
+
+def test_an_sts3215_has_nothing_where_lerobot_has_seven_more_items():
+    """huggingface/lerobot 7427f31, motors/feetech/tables.py, "# Factory": Moving_Velocity_Threshold (80) to 86.
+
+    OneLif2/ft_serial_servo_motor, README: read_all_info "requires all 87 bytes data from the servo".
+    """
+    servo = EmulatedFeetechServo(feetech_memory.load_model("STS3215"), 1)
+    everything = servo.read(0, 87)
+    assert len(everything) == 87
+    assert everything[3:5] == struct.pack("<H", 777)
+    assert everything[80:] == bytes(7)
+
+
+def said_by_gauge(command, force=0.0, gauge=None):
+    """What a Mark-10 gauge says to a command."""
+    gauge = gauge or EmulatedMark10Gauge(Cell(force))
+    return b"".join(chunk.data for chunk in gauge.exchange(command, 0.0, 115200))
+
+
+@pytest.mark.parametrize("force", [12.3, -18.78, 0.0])
+def test_a_mark_10_gauge_says_what_opentrons_reads(force):
+    r"""Opentrons/opentrons 08e382b, mark10_fg.py: 115200 baud, "?\r\n", 'return "12.3 N"', split(" "); N has no answer.
+
+    Series 4 user's guide, 9.1.4: "4.285 N<CR><LF> 4.285 N of compression force"; ours pulls with a minus.
+    """
+    gauge = EmulatedMark10Gauge(Cell(force))
+    assert said_by_gauge(b"N\r\n", gauge=gauge) == b""
+    line = said_by_gauge(b"?\r\n", gauge=gauge)
+    assert line.endswith(b"\r\n")
+    value, unit = line.decode("utf-8").strip().split(" ")
+    assert unit == "N"
+    assert float(value) == pytest.approx(-force, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("command", "code"),
+    [(b"XYZ\r", b"*10\r\n"), (b"FLTCx\r", b"*12\r\n"), (b"AOUT999\r", b"*22\r\n")],
+)
+def test_a_mark_10_gauge_refuses_with_the_codes_of_its_guide(command, code):
+    """Series 5 user's guide (Checkline), p. 19: "*10 Illegal command", "*12 Invalid specifier", *22 too large."""
+    assert said_by_gauge(command) == code
+
+
+def test_a_mark_10_gauge_lists_its_settings_as_its_guide_s_example():
+    """The same page: "V1.00;LBF;CUR;FLTC8;FLTP1;AOUT00;AOFF5;FULL;MIT;POL;B0".
+
+    LabKit (Pluze/LabKit-MATLAB-Workbench 7099b62, decodeSettings.m) looks for ";" and AOUT, reads 2^FLTC samples.
+    """
+    gauge = EmulatedMark10Gauge(Cell(0.0))
+    assert said_by_gauge(b"LB\rLIST\r", gauge=gauge) == b"V1.00;LBF;CUR;FLTC8;FLTP1;AOUT00;AOFF5;FULL;MIT;POL;B0\r\n"
+    tokens = said_by_gauge(b"FLTC3\rAOUT25\rLIST\r", gauge=gauge).strip().split(b";")
+    assert {b"FLTC3", b"AOUT25"} <= set(tokens)
+
+
+@pytest.mark.parametrize(("unit", "known"), [(b"LB", b"LBF"), (b"N", b"N"), (b"KG", b"KGF"), (b"OZ", b"OZF")])
+def test_a_mark_10_gauge_lists_its_unit_as_labkit_knows_it(unit, known):
+    """LabKit, decodeSettings.m: "LBF", "OZF", "KGF", "GF", "N", "MN", "KN"; and IPOL1, which ours does not list."""
+    listed = said_by_gauge(unit + b"\rIPOL1\rLIST\r").strip().split(b";")
+    assert listed[1] == known
+    assert b"IPOL1" not in listed
+    assert said_by_gauge(unit + b"\r?\r").strip().split()[1].upper() == known
+
+
+def test_a_mark_10_gauge_s_zero_is_as_good_as_labkit_asks():
+    """LabKit 1159a04, zeroForce.m: after Z a reading of ?C is good within two displayed increments."""
+    cell = EmulatedRig(gauge="gcl2").cell
+    good = 0
+    for trial in range(1000):
+        cell.tare(0.1 * trial)
+        good += abs(round(cell.read(0.1 * trial + 0.05), 2)) < 0.025
+    assert good / 1000 == pytest.approx(0.92, abs=0.03)
+
+
+def said_by_stand(orders, force=0.0):
+    """What a Mark-10 stand says to its orders, and the lines of it."""
+    stand = EmulatedMark10Stand(RigPlant(RigTruth.from_seed(1), 1), Cell(force))
+    return b"".join(chunk.data for chunk in stand.exchange(orders, 0.0, 115200))
+
+
+def test_a_mark_10_stand_says_force_and_travel_as_labkit_reads_them():
+    r"""LabKit 1159a04, decodeSample.m: "1.000 N", then "2.00 mm"; mark10TravelReading.m: the pattern.
+
+    Orders have no end: "sends fixed ESM303 commands without adding a terminator".
+    """
+    force, travel = said_by_stand(b"zn", force=-1.0).decode().splitlines()
+    assert re.fullmatch(r"[-+]?\d+\.\d+ N", force)
+    assert float(force.split()[0]) == pytest.approx(1.0, abs=0.005)
+    assert travel == "0.00 mm"
+    assert re.fullmatch(r"([-+]?\d+(?:\.\d+)?)\s*(mm|in)", said_by_stand(b"x").decode().strip())
+
+
+def test_a_mark_10_stand_says_and_hears_inches_by_their_digits():
+    """LabKit's Mark10FacadeSpec: "0.125 in". ESM303 guide, 6.2: "e02.85 = 2.85 in/min"; in millimetres "e0200.3"."""
+    assert re.fullmatch(rb"-?\d+\.\d{3} in\r\n", said_by_stand(b"bx"))
+    assert said_by_stand(b"be02.85a").startswith(b"72.4")  # 2.85 x 25.4
+    assert said_by_stand(b"bh01.500v").startswith(b"1.500 in")
+    assert said_by_stand(b"e0200.3a").startswith(b"200.3")
+    assert said_by_stand(b"e02.85a") == said_by_stand(b"be0200.3a") == said_by_stand(b"a")
+
+
+@pytest.mark.parametrize("orders", [b"p", b"lp", b"lh000.00p", b"lup", b"up", b"dp"])
+def test_a_mark_10_stand_says_one_code_as_labkit_expects(orders):
+    """LabKit 1159a04, zeroTravel.m: the whole reply to p is U, D, S, C, L, M, UL or DL, the codes of the guides."""
+    assert said_by_stand(orders).decode().strip() in {"U", "D", "S", "C", "L", "M", "UL", "DL"}
+
+
+def test_a_scale_sends_as_often_as_adafruit_s_and_what_selleton_s_does():
+    """Adafruit, "Digital shipping scales": a 7010SB "spits out data every 1/10 second".
+
+    Selleton SL-7516, p. 16: S1 ST, US or OL; S2 GS or NT; S3 "+" or "-"; data; kg; CR LF.
+    """
+    scale = EmulatedAmplifier(Cell(9.81), "scale")
+    scale.opened(0.0)
+    assert scale.due_s() == pytest.approx(0.1)
+    (line,) = scale.exchange(b"", scale.due_s(), 9600)
+    state, kind, weight = line.data.removesuffix(b"kg\r\n").split(b",")
+    assert (state, kind, float(weight.replace(b" ", b""))) == (b"ST", b"GS", 1.0)
+    assert weight.startswith(b"+")
+    over = EmulatedAmplifier(Cell(math.inf), "scale")
+    over.opened(0.0)
+    assert over.exchange(b"", 0.1, 9600)[0].data.startswith(b"OL,GS,")

@@ -183,11 +183,11 @@ def test_the_stand_speaks_as_its_manual():
     assert said(stand.exchange(b"n", 0.0, BAUD)) == b"-0.00 N\r\n0.00 mm\r\n"
     assert said(stand.exchange(b"e0060.0h012", 0.0, BAUD)) == b""
     assert said(stand.exchange(b".50lva", 0.0, BAUD)) == b"12.50 mm\r\n60.0 mm/min\r\n"
-    assert said(stand.exchange(b"up", 0.0, BAUD)) == b"U L\r\n"
+    assert said(stand.exchange(b"up", 0.0, BAUD)) == b"U\r\n"
     assert said(stand.exchange(b"xs", 5.0, BAUD)) == b"5.00 mm\r\n"
     assert said(stand.exchange(b"x", 9.0, BAUD)) == b"5.00 mm\r\n"
     assert said(stand.exchange(b"u", 9.0, BAUD)) == b""
-    assert said(stand.exchange(b"xp", 30.0, BAUD)) == b"12.50 mm\r\nUL L\r\n"
+    assert said(stand.exchange(b"xp", 30.0, BAUD)) == b"12.50 mm\r\nUL\r\n"
     assert said(stand.exchange(b"bx", 30.0, BAUD)) == b"0.492 in\r\n"
     assert said(stand.exchange(b"x", 30.0, 9600)) == b""
 

@@ -29,7 +29,9 @@ def counts_of(force: float, offset: float = 0.0) -> int:
 
 
 def _scale(force: float) -> str:
-    return "OL,GS,  -------kg" if math.isinf(force) else f"ST,GS,{force / _GRAVITY:+8.4f}kg"
+    if math.isinf(force):
+        return "OL,GS,  -------kg"
+    return f"ST,GS,{'-' if force < 0.0 else '+'}{abs(force) / _GRAVITY:7.4f}kg"
 
 
 #: Format -> (force [N], time [s]) to a line.

@@ -137,7 +137,7 @@ class EmulatedMark10Gauge:
         return f"{-force / newtons:.{decimals}f} {text}\r\n".encode("ascii")
 
     def _list(self) -> bytes:
-        unit = "LBF" if self._unit == "LB" else self._unit
+        unit = _UNITS[self._unit][1].upper()
         return (
             f"V1.00;{unit};{self._mode};FLTC{self._filter};FLTP1;AOUT{self._auto_output_hz:02d};AOFF5;FULL;MIT;POL;"
             f"B{self.battery}\r\n"

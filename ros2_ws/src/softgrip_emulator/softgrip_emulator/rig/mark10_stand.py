@@ -24,7 +24,8 @@ _MM_PER_INCH: Final = 25.4
 _MAX_SPEED_MM_MIN: Final = 1100.0
 _MIN_SPEED_MM_MIN: Final = 0.5
 _COMMAND = re.compile(
-    rb"(?P<speed>e\d{4}\.\d)|(?P<lower>g-?\d{3}\.\d{2})|(?P<upper>h-?\d{3}\.\d{2})|(?P<cycles>f\d{4})|(?P<plain>[a-z])"
+    rb"(?P<speed>e(?:\d{4}\.\d|\d\d\.\d\d))|(?P<limit>[gh]-?(?:\d{3}\.\d\d|\d\d\.\d{3}))|(?P<cycles>f\d{4})"
+    rb"|(?P<plain>[a-z])"
 )
 _INCOMPLETE = re.compile(rb"[efgh][-\d.]*$")
 #: What PC control off leaves working (manual: data requests).
@@ -99,11 +100,16 @@ class EmulatedMark10Stand:
         if not self.pc_control and letter not in _DATA_COMMANDS:
             return b""
         if argument:
-            self._set(letter, float(argument))
+            self._set(letter, argument)
             return b""
         return self._plain(letter, now_s)
 
-    def _set(self, letter: bytes, value: float) -> None:
+    def _set(self, letter: bytes, argument: bytes) -> None:
+        """Set a speed or limit; one written with the digits of the other unit is not understood."""
+        value, decimals = float(argument), len(argument.rpartition(b".")[2])
+        if letter != b"f" and decimals != (1 if letter == b"e" else 2) + self._inch:
+            return
+        value *= _MM_PER_INCH if self._inch else 1.0
         if letter == b"e" and _MIN_SPEED_MM_MIN <= value <= _MAX_SPEED_MM_MIN:
             self._speed_mm_min = value
         elif letter == b"g":
@@ -156,14 +162,12 @@ class EmulatedMark10Stand:
         return b"%.2f N\r\n" % -self._cell.read(now_s)
 
     def _status(self) -> bytes:
-        # Assumption: movement code, then mode code, separated by a blank; the manual gives the codes only.
+        # Assumption: the movement alone. The manual gives codes of movement and of mode; LabKit takes one alone.
         velocity = self._plant.velocity
         if velocity:
-            movement = b"U" if velocity > 0.0 else b"D"
-        elif self._limit_mode and self._travel_mm >= self._upper_mm - 0.01:
-            movement = b"UL"
-        elif self._limit_mode and self._travel_mm <= self._lower_mm + 0.01:
-            movement = b"DL"
-        else:
-            movement = b"S"
-        return movement + (b" L\r\n" if self._limit_mode else b" M\r\n")
+            return b"U\r\n" if velocity > 0.0 else b"D\r\n"
+        if self._limit_mode and self._travel_mm >= self._upper_mm - 0.01:
+            return b"UL\r\n"
+        if self._limit_mode and self._travel_mm <= self._lower_mm + 0.01:
+            return b"DL\r\n"
+        return b"S\r\n"
