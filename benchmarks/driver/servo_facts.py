@@ -8,7 +8,8 @@ motor whose gears rub as Rhoban found it on real ones.
 
 * homing: the largest error of three zeros, and the largest tension meanwhile, where 1.5 N are asked.
 * tension: what the plant has where 2, 5, 10 and 20 N are asked of the index finger.
-* slack: what a closing of empty fingers by 15 mm at 50 mm/s ends with.
+* quick closing: what a closing of empty fingers by 15 mm at 50 mm/s ends with; a slack tendon would be false.
+* slack: how soon a tendon that is 20 mm too long is named, in a closing at 20 mm/s.
 * break: how soon a broken tendon is named at 10 N.
 * grasps: three with a product and one without: what was said beside what the plant shows.
 """
@@ -40,6 +41,7 @@ SEED, FINGER_SET = 1, "power"
 SUPPLY, WINDING = CurrentSensing.SUPPLY, CurrentSensing.WINDING
 TENSIONS_N = (2.0, 5.0, 10.0, 20.0)
 BREAKS_AT_N = 10.0
+SLIPS_M = 0.02
 PRODUCTS = ("apple", "sausage", "muffin", "")
 SETTLE_S, BREAK_TIMEOUT_S = 0.3, 2.0
 #: winding and sensor [degC] of a hand that has worked
@@ -60,6 +62,7 @@ class Row:
         silence_s: [s] for which the bus is silent, four times a second, while the drives home.
         stiffness: of position control, relative to the e-manual's.
         winding_time_factor: of the windings' own thermal time constant.
+        trips_early: the servo shuts itself down as users saw others do, from 0.40 of its stall current on.
     """
 
     fact: str
@@ -72,6 +75,7 @@ class Row:
     silence_s: float = 0.0
     stiffness: float = 1.0
     winding_time_factor: float = 1.0
+    trips_early: bool = False
 
 
 ROWS = (
@@ -86,6 +90,7 @@ ROWS = (
     Row("position control half as stiff, as Rhoban/bam saw it, driver as now", stiffness=0.5),
     Row("windings of 5.5 s, as Faulhaber has them, not 12, driver as now", winding_time_factor=0.46),
     Row("the last three together, driver as now", torque_constant=0.386, stiffness=0.5, winding_time_factor=0.46),
+    Row("shuts down after 5 s above 0.40 of its stall, driver as now", trips_early=True),
     Row("bus silent for 0.3 s, four times a second, while it homes", silence_s=0.3),
 )
 #: the driver as it is now
@@ -96,7 +101,7 @@ SILENT_EVERY = 25
 
 def cell_of(row: Row) -> VirtualCell:
     """Return a cell whose servos, and whose driver, are those of a row."""
-    cell = VirtualCell(SEED, FINGER_SET, limits=row.limits, believed=row.believed)
+    cell = VirtualCell(SEED, FINGER_SET, limits=row.limits, believed=row.believed, trips_early=row.trips_early)
     for servo in cell.plant.servos:
         assert isinstance(servo, EmulatedServo)
         servo.model = replace(servo.model, senses=row.senses.value)
@@ -194,18 +199,30 @@ def freed(cell: VirtualCell) -> None:
     cell.finish(cell.move(0.0, 0.02), 5.0)
 
 
-def slack(cell: VirtualCell) -> str:
-    """Close empty fingers quickly; return what that ends with."""
+def quick(cell: VirtualCell) -> str:
+    """Close empty fingers quickly; return what that ends with: a slack tendon would be false."""
     ticket = cell.move(0.015, 0.05)
     outcome = cell.finish(ticket, 5.0)
     return "ends well" if outcome is MoveOutcome.REACHED else outcome_name(cell, ticket)
 
 
+def slipped(cell: VirtualCell) -> str:
+    """Close the index finger whose tendon has come off its spool; return how soon that is named, from the start."""
+    cell.plant.disturbances.extra_slack_m[SLOTS[0]] = SLIPS_M
+    cell.move(0.015, 0.02)
+    return named(cell)
+
+
 def broken(cell: VirtualCell) -> str:
     """Cut the index finger's tendon while it is held; return how soon it is named."""
     pull(cell, BREAKS_AT_N)
-    began_s = cell.plant.now_s
     cell.plant.disturbances.broken_tendons.add(SLOTS[0])
+    return named(cell)
+
+
+def named(cell: VirtualCell) -> str:
+    """Wait for a fault; return its name and how soon it came."""
+    began_s = cell.plant.now_s
     while cell.plant.now_s - began_s < BREAK_TIMEOUT_S:
         cell.cycle()
         fault = cell.fault()
@@ -277,7 +294,8 @@ def measured(row: Row, change: Callable[[VirtualCell], None] | None = None) -> l
     jobs: list[Callable[[], str]] = [
         lambda: homing(new(), row.silence_s),
         tensions,
-        lambda: slack(fresh()),
+        lambda: quick(fresh()),
+        lambda: slipped(fresh()),
         lambda: broken(fresh()),
         lambda: grasps(fresh()),
     ]

@@ -82,6 +82,18 @@ def test_a_gauge_that_shows_nothing_beyond_where_the_tendon_was_taut_has_to_be_p
     assert cut.fault == ("", "")
 
 
+@pytest.mark.parametrize(
+    ("after", "name"),
+    [((0.0, 0.020), "gauge_unproven"), ((0.0, 0.0199), "gauge_unproven"), ((0.0, 0.0195), ""), ((6.0, 0.020), "")],
+    ids=["nothing where it was taut", "gone back by 0.1 mm", "let out", "still taut"],
+)
+def test_a_zero_lost_where_nothing_shows_a_taut_tendon_costs_the_proof(after: tuple[float, float], name: str) -> None:
+    made = after_a_hand((6.0, 0.020), after)
+    assert made.fault == ("", "")
+    made.doubt()
+    assert made.fault[0] == name
+
+
 def test_a_hand_that_pulls_while_the_stage_stands_proves_the_gauge_once_more() -> None:
     """As where a finger is changed: the tendon of another one may be taut elsewhere."""
     touched = ((3.0, -0.008), (3.0, -0.008), (0.0, -0.008))

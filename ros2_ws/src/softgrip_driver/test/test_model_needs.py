@@ -16,8 +16,8 @@ CURRENT = OperatingMode.CURRENT_BASED_POSITION
 RADIUS_M = 0.010
 #: an XL330's table allows less, but not with the shipped bus watchdog
 SHIPPED_RATE_HZ = 100.0
-#: [s] longer than a servo's own overload shutdown takes
-HOLDS_S, TRIMMED_S = 6.0, 2.0
+#: [s] by which a hold is longer than a servo's own overload shutdown takes, and of trimming before it
+HOLDS_ON_S, TRIMMED_S = 1.0, 2.0
 PROVEN = (
     "XL330-M288",
     "XC330-M288",
@@ -61,7 +61,7 @@ def test_a_model_homes_closes_and_holds_within_its_limits(bench):
     # What position control leaves over under load is trimmed away after the end of a motion.
     bench.pass_time(TRIMMED_S)
     held = bench.plant.wound_m()
-    for seen in bench.pass_time(HOLDS_S):
+    for seen in bench.pass_time(load_model(bench.model).overload.seconds + HOLDS_ON_S):
         assert [(drive.state, drive.fault) for drive in seen.drives] == [(DriveState.HOLDING, "")] * 3
     assert bench.plant.wound_m() == pytest.approx(held, abs=2e-4)
     assert [drive.pulled_length_m for drive in bench.loop.snapshot.drives] == pytest.approx([0.015] * 3, abs=2e-4)

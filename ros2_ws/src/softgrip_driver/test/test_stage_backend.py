@@ -122,6 +122,14 @@ def test_at_its_limit_it_stops_and_can_still_be_let_out(rig: Rig) -> None:
     assert rig.tell(0.004, tension_limit=10.0) == [("start", 0.004)]
 
 
+def test_one_reading_below_nothing_stops_it_and_is_no_fault_yet(rig: Rig) -> None:
+    rig.stage.where = 0.010
+    rig.gauge.shows = -2.1
+    assert rig.tell(0.012) == [("stop", 0.010)]
+    assert rig.reading.faults == ()
+    assert rig.tell(0.004) == [("start", 0.004)]
+
+
 def test_a_gauge_that_shows_the_same_digits_over_a_pull_is_not_believed(rig: Rig) -> None:
     rig.gauge.shows = 5.0
     rig.tell(0.020)

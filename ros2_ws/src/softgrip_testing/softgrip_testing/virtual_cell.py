@@ -121,10 +121,11 @@ class VirtualCell:
         lateness: Lateness = PUNCTUAL,
         limits: CurrentSensing = CurrentSensing.SUPPLY,
         believed: CurrentSensing | None = None,
+        trips_early: bool = False,
     ) -> None:
         self.profiles: Mapping[str, Profile] = load_directory(shipped_directory())
         limits_winding = limits is CurrentSensing.WINDING
-        chain = [replace(place, limits_winding=limits_winding) for place in default_chain()]
+        chain = [replace(place, limits_winding=limits_winding, trips_early=trips_early) for place in default_chain()]
         self.plant = CellPlant(self.profiles, seed=seed, chain=chain)
         self._friction = calibrated(seed)
         self.period_s = 1.0 / rate

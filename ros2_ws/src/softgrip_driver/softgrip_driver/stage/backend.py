@@ -23,7 +23,7 @@ from softgrip_driver.errors import (
     UnitChangedError,
 )
 from softgrip_driver.rig.devices import Gauge, Stage
-from softgrip_driver.stage.gauge_guard import GaugeGuard
+from softgrip_driver.stage.gauge_guard import MAX_NEGATIVE_N, GaugeGuard
 from softgrip_driver.tendon.backend import Counters, DriveIdentity, DriveReading, Setpoint
 from softgrip_time import Clock, WallClock
 
@@ -168,7 +168,7 @@ class StageBackend:
         return {
             self._tendon: DriveReading(
                 now, position, velocity, max(0.0, self._pull), self.GAUGE_STDDEV, self._pull, powered=self._powered,
-                session_mark=self._mark, faults=(fault,) if fault else (), fault_detail=detail,
+                session_mark=self._mark, faults=(fault,) if fault else (), fault_detail=detail, is_gauged=True,
             )
         }  # fmt: skip
 
@@ -186,7 +186,8 @@ class StageBackend:
             # Pulling blind, or beyond the limit; letting out goes on once the gauge can be read.
             self._halt()
             return
-        if goal > here and self._guard.fault[0]:
+        # One reading below nothing may be a damaged one and is no fault yet; nothing is wound in by it either.
+        if goal > here and (self._guard.fault[0] or self._pull < -MAX_NEGATIVE_N):
             self._halt()
             return
         if self._target is not None and abs(goal - self._target) < self.STEP:
@@ -216,9 +217,14 @@ class StageBackend:
                 raise
 
     def mark_session(self, tendon: str, mark: int) -> None:
-        """Keep the mark as long as the connection: a stage has no volatile memory to put it in."""
+        """Keep the mark as long as the connection: a stage has no volatile memory to put it in.
+
+        Without a zero the next motion is a homing, which must not rely on a cell that may be cut.
+        """
         del tendon
         self._mark = mark
+        if mark == 0:
+            self._guard.doubt()
 
     def _forget(self) -> None:
         """Take nothing of the session before for true: neither its zero nor its power."""

@@ -22,6 +22,8 @@ SHOWS = 0.5
 STANDS_M = 2e-5
 #: [m] that may be wound in beyond where the gauge showed a taut tendon last, with nothing shown
 BLIND_M = 4e-3
+#: [m] that a stage which stands may have gone back by itself
+GAVE_WAY_M = 2e-4
 #: readings at the beginning whose median is the level that a hand pulls from
 REST_READINGS = 5
 
@@ -88,8 +90,19 @@ class GaugeGuard:
         is_beyond = self._shown_at is not None and travel > self._shown_at + BLIND_M
         self._blind = self._blind + 1 if is_beyond else 0
         if self._blind >= IN_A_ROW:
-            self._silent = f"since it showed {pull:.2f} N where the tendon was taut before"
-            self._is_proven, self._first = False, []
+            self._ask_again()
+
+    def doubt(self) -> None:
+        """Ask for another proof if nothing shows as far in as the tendon was taut last: to be called at a lost zero.
+
+        Either the tendon is broken or the cell's cable is cut, and what homes then may feel nothing.
+        """
+        if self._shown_at is not None and not self._is_taut and self._before >= self._shown_at - GAVE_WAY_M:
+            self._ask_again()
+
+    def _ask_again(self) -> None:
+        self._silent = f"since it showed {self._last:.2f} N where the tendon was taut before"
+        self._is_proven, self._first = False, []
 
     def _observe_hand(self, pull: float, travel: float) -> None:
         """See which way the reading goes when a hand pulls."""

@@ -64,6 +64,8 @@ class DriveReading:
         hardware_error: raw error bits.
         load: share of its stall torque that the motor exerts, so that the drive backs off before a servo's own overload
             shutdown; NaN where that share is not what sets one off, or is not known.
+        is_gauged: the tension is what a gauge in the tendon reads, no estimate from the motor: nothing else passes for
+            it, but the gauge's cable may be cut.
     """
 
     time: float
@@ -81,6 +83,7 @@ class DriveReading:
     fault_detail: str = ""
     hardware_error: int = 0
     load: float = math.nan
+    is_gauged: bool = False
 
 
 @dataclass(frozen=True)

@@ -342,8 +342,7 @@ class Drive:
         self._guard(view)
         if self._fault and FAULTS[self._fault].reaction is Reaction.LET_GO:
             return self.switch_off()
-        step = self._move_on(view)
-        return DriveActions(setpoint=self._goal(step))
+        return DriveActions(setpoint=self._next_goal(view))
 
     def _take(self, reading: DriveReading, now: float) -> float:
         """Remember a reading that is believed; returns the time since the step before [s]."""
@@ -374,6 +373,12 @@ class Drive:
         found = self._watch.finds(view, self._motion, self._allowed, homed=self.homed)
         if found is not None:
             self.set_fault(*found)
+
+    def _next_goal(self, view: DriveObservation) -> Setpoint:
+        """Return the device's next goal; none, which stops a stage, while its gauge has ceased to show the tendon."""
+        if self._watch.suspects_collapse and not self._fault:
+            return Setpoint(None, min(self._allowed, view.tension_cap))
+        return self._goal(self._move_on(view))
 
     def _move_on(self, view: DriveObservation) -> MotionStep:
         """Advance the motion, and what its setpoint needs beyond the length that it stands for."""
@@ -410,7 +415,7 @@ class Drive:
         ahead = 0.0 if self._setpoint is None else self._setpoint - pulled_length_m
         return DriveObservation(
             now, dt, pulled_length_m, reading.velocity, self._tension, reading.pull, cap, reading.tension_stddev,
-            self._acceleration, ahead,
+            self._acceleration, ahead, reading.is_gauged,
         )  # fmt: skip
 
     def _unanswered(self, now: float) -> DriveActions:

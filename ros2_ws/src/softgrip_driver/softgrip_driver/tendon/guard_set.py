@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from softgrip_driver.tendon.backend import DriveReading
 from softgrip_driver.tendon.guards import (
     BreakGuard,
+    CollapseGuard,
     JumpGuard,
     MedianFilter,
     OverloadGuard,
@@ -19,6 +20,9 @@ from softgrip_driver.tendon.guards import (
 )
 from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveObservation, Motion
+
+#: what a fault of a tension that a gauge reads adds: its cut cable shows the same as a broken tendon
+GAUGE_HINT = " (look at the tendon: if it is whole and taut, the load cell's cable is cut, and that is to be mended)"
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,7 @@ class GuardSet:
         self._filter = MedianFilter()
         self._jump = JumpGuard(limits)
         self._break = BreakGuard(limits, period)
+        self._collapse = CollapseGuard(limits)
         self._slack = SlackGuard(limits)
         self._too_much = TensionGuard(limits)
         self._thermal = ThermalGuard(limits)
@@ -64,11 +69,17 @@ class GuardSet:
     def forget_break(self) -> None:
         """Forget the tension before: a person has dealt with it."""
         self._break.reset()
+        self._collapse.reset()
 
     @property
     def suspects_break(self) -> bool:
         """Whether the tendon may just have broken."""
-        return self._break.suspects
+        return self._break.suspects or self._collapse.suspects
+
+    @property
+    def suspects_collapse(self) -> bool:
+        """Whether a gauge has just ceased to show a tendon: nothing may be wound in until it is known why."""
+        return self._collapse.suspects
 
     def believes(self, reading: DriveReading) -> bool:
         """Return whether the drive can have got to where a reading says it is."""
@@ -111,22 +122,30 @@ class GuardSet:
             allowed: [N] the most that the device may pull.
             homed: the pulled length is known.
         """
-        limits = self._limits
+        limits, hint = self._limits, GAUGE_HINT if view.is_gauged else ""
         if self._too_much.step(view.now, view.tension, view.acceleration):
             return "tension_exceeded", f"{view.tension:.1f} N, hard limit {limits.tension_hard:.1f} N"
         if motion.paying_out:
-            self._break.reset()
-        elif self._break.step(
-            view.now,
-            view.tension,
-            view.pulled_length_m,
-            stddev=view.stddev,
-            acceleration=view.acceleration,
-            allowed=allowed,
-        ):
-            return "tendon_broken", f"tension fell to {view.tension:.1f} N at {view.pulled_length_m * 1e3:.1f} mm"
+            self.forget_break()
+        elif found := self._finds_lost_tension(view, motion, allowed):
+            return found
         if homed and self._slack.step(
             view.now, view.pulled_length_m, view.tension, pulling=motion.winding_in, acceleration=view.acceleration
         ):
-            return "tendon_slack", f"{view.tension:.1f} N at {view.pulled_length_m * 1e3:.1f} mm of pulled length"
+            return "tendon_slack", f"{view.tension:.1f} N at {view.pulled_length_m * 1e3:.1f} mm of pulled length{hint}"
         return None
+
+    def _finds_lost_tension(self, view: DriveObservation, motion: Motion, allowed: float) -> tuple[str, str] | None:
+        """Return the fault of a tension that vanished although the tendon was not let out; a little of it is slack."""
+        where = f"at {view.pulled_length_m * 1e3:.1f} mm"
+        if not view.is_gauged:
+            is_broken = self._break.step(
+                view.now, view.tension, view.pulled_length_m, stddev=view.stddev, acceleration=view.acceleration,
+                allowed=allowed,
+            )  # fmt: skip
+            return ("tendon_broken", f"tension fell to {view.tension:.1f} N {where}") if is_broken else None
+        if not self._collapse.step(view.now, view.pull, view.pulled_length_m, is_wound_in=motion.winding_in):
+            return None
+        before = self._collapse.before
+        name = "tendon_broken" if before >= self._limits.break_drop_from else "tendon_slack"
+        return name, f"tension fell from {before:.1f} N to {view.pull:.1f} N {where}{GAUGE_HINT}"

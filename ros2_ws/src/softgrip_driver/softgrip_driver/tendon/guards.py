@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from itertools import pairwise
 from statistics import median
 
 from softgrip_driver.tendon.limits import TendonLimits
@@ -95,7 +96,7 @@ class JumpGuard:
 
 @dataclass(frozen=True)
 class _Pull:
-    """A sample of a steady pull: time [s] of the guard's own count, tension [N], pulled length [m]."""
+    """A sample of a pull: time [s] as its guard counts it, tension [N], pulled length [m]."""
 
     time: float
     tension: float
@@ -223,6 +224,88 @@ class BreakGuard:
     def _gone(self, tension: float) -> bool:
         rest = max(self._limits.tension_slack, min(self.REST * self._before, self._feigned))
         return tension <= rest and self._before - tension >= self._certain_drop
+
+
+class CollapseGuard:
+    """Detects that a gauge shows nothing any more of a tendon that was not let out: it or the gauge's cable is broken.
+
+    A gauge feels the tendon alone, whatever the motor does: two readings are enough to know the tension before, and the
+    first one that shows nothing is a reason to stop. At ten readings a second the eight of `BreakGuard` take so long
+    that those after a break come among them, and nothing becomes the tension before. A tension that fades over more
+    readings than it remembers is no collapse.
+    """
+
+    #: readings of nothing in a row that name it; fewer may be damaged ones
+    CONFIRM_READINGS = 3
+    #: readings that it remembers: one that averages fades in a few
+    REMEMBERED = 4
+    #: share of a reading that the next one must show to be a tension that was there: what is let out fades faster
+    KEPT = 0.9
+    #: share of the tension before that counts as nothing
+    REST = 0.25
+    #: and so many times the tension of a slack tendon at most, while a cut cell may scatter by as much
+    NOTHING = 2.0
+
+    def __init__(self, limits: TendonLimits) -> None:
+        self._limits = limits
+        self._recent: deque[_Pull] = deque(maxlen=self.REMEMBERED)
+        #: the first reading of nothing, and how many there have been in a row
+        self._gone: _Pull | None = None
+        self._count = 0
+        #: [N] what was there before
+        self.before = 0.0
+
+    def reset(self) -> None:
+        """Forget the past: the tendon is being let out, or is new."""
+        self._recent.clear()
+        self._gone, self._count = None, 0
+
+    @property
+    def suspects(self) -> bool:
+        """Whether the gauge shows nothing of what was there before, confirmed or not."""
+        return self._gone is not None
+
+    @property
+    def min_tension(self) -> float:
+        """[N] that can be missed while the tendon is wound in, where it can only grow."""
+        return min(self._limits.break_drop_from, self.NOTHING * self._limits.tension_slack)
+
+    def step(self, now: float, pull: float, pulled_length_m: float, *, is_wound_in: bool) -> bool:
+        """Return whether the tension has collapsed.
+
+        Args:
+            now: [s]
+            pull: [N] single reading with its sign; a reversed cell's is not nothing.
+            pulled_length_m: [m].
+            is_wound_in: the setpoint moves inwards.
+        """
+        if self._gone is not None and pulled_length_m < self._gone.pulled_length_m - BreakGuard.RETREAT:
+            self.reset()  # it has given way: the tension was let out
+        if self._gone is None:
+            self.before = self._held(pulled_length_m)
+            drop_from = self.min_tension if is_wound_in else self._limits.break_drop_from
+            if self.before >= drop_from and self._is_nothing(pull):
+                self._gone = _Pull(now, pull, pulled_length_m)
+        elif not self._is_nothing(pull):
+            self._gone, self._count = None, 0
+        if self._gone is None:
+            self._recent.append(_Pull(now, pull, pulled_length_m))
+            return False
+        self._count += 1
+        return self._count >= self.CONFIRM_READINGS and now - self._gone.time >= self._limits.break_confirm
+
+    def _held(self, pulled_length_m: float) -> float:
+        """Return the tension [N] that two readings in a row have shown lately, no further in than now."""
+        furthest = pulled_length_m + BreakGuard.RETREAT
+        pairs = [
+            (one.tension, other.tension)
+            for one, other in pairwise(self._recent)
+            if max(one.pulled_length_m, other.pulled_length_m) <= furthest
+        ]
+        return max((min(pair) for pair in pairs if pair[1] >= self.KEPT * pair[0]), default=0.0)
+
+    def _is_nothing(self, pull: float) -> bool:
+        return abs(pull) <= min(self.REST * self.before, self.NOTHING * self._limits.tension_slack)
 
 
 class TensionGuard:

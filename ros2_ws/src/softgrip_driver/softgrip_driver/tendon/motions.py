@@ -60,6 +60,7 @@ class DriveObservation:
         stddev: [N] uncertainty of the tension.
         acceleration: [m/s^2] of the tendon.
         ahead: [m] the setpoint's length beyond the drive's: what makes the drive pull.
+        is_gauged: the tension is a gauge's, see `DriveReading`.
     """
 
     now: float
@@ -72,6 +73,7 @@ class DriveObservation:
     stddev: float = 0.0
     acceleration: float = 0.0
     ahead: float = 0.0
+    is_gauged: bool = False
 
     @property
     def standing_ahead(self) -> float:
