@@ -98,7 +98,7 @@ def test_they_are_as_many_as_the_documents_say():
 def test_every_format_has_a_documented_line_or_is_a_plain_number_with_its_unit():
     assert FORMATS.keys() - {one.format for one in GAUGES} == {"time_raw", "grams", "newtons"}
     asked = {name for name, one in FORMATS.items() if one.request}
-    assert asked - PROTOCOLS.keys() == {"imada", "radwag"}
+    assert asked == PROTOCOLS.keys()  # each is emulated, and weighs (test_gauges.py)
 
 
 @pytest.mark.parametrize(

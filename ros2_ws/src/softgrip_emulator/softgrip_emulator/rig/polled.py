@@ -3,8 +3,9 @@
 
 sauter: FH-BA-e-2020 p. 13 (9600 8N1; "9"; 1021.15 is +21.15 N of pull, 0011.70 is -11.70 N). andilog: Centor Touch
 V6.10 p. 22 ("F"; lines end in CR; "?" for a request it does not know). mt_sics: Mettler-Toledo 11780711 (command SI; "S
-S 100.00 g", "S +" overload). tecsis: EZE30 p. 22 ("GN<CR>" is answered "N 00000<CR>", else "ERR<CR>"), Annex A
-("N+01.100").
+S 100.00 g", "S +" overload). radwag: PUE C/31 p. 58 (command SI; "SI ?       18.5 kg", "SI ^" overload). imada: a
+client of the DST-44A, sktometometo/imada_forcegauge ("D<CR>" is answered "+12.34KTO<CR>": value, unit, tracking, good;
+E for good is overload). tecsis: EZE30 p. 22 ("GN<CR>" is answered "N 00000<CR>", else "ERR<CR>"), Annex A ("N+01.100").
 """
 
 from __future__ import annotations
@@ -45,6 +46,16 @@ def _mt_sics(force: float) -> bytes:
     return b"S +\r\n" if math.isinf(force) else b"S D %10.2f g\r\n" % (1e3 * force / _GRAVITY)
 
 
+def _radwag(force: float) -> bytes:
+    if math.isinf(force):
+        return b"SI ^\r\n"
+    return b"SI ? %s%9.4f kg \r\n" % (b"-" if force < 0.0 else b" ", abs(force) / _GRAVITY)
+
+
+def _imada(force: float) -> bytes:
+    return b"+99.99NTE\r" if math.isinf(force) else b"%+06.2fNTO\r" % force
+
+
 def _tecsis(force: float) -> bytes:
     return b"ERR\r" if math.isinf(force) else b"N%+07.3f\r" % force
 
@@ -53,6 +64,8 @@ PROTOCOLS: Final = {
     "sauter": Protocol(9600, b"9", _sauter),
     "andilog": Protocol(115200, b"F", _andilog, b"?\r"),
     "mt_sics": Protocol(9600, b"SI\r\n", _mt_sics, b"ES\r\n"),
+    "radwag": Protocol(9600, b"SI\r\n", _radwag, b"ES\r\n"),
+    "imada": Protocol(19200, b"D\r", _imada),
     "tecsis": Protocol(9600, b"GN\r", _tecsis, b"ERR\r"),
 }
 
