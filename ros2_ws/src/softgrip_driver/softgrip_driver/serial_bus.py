@@ -9,9 +9,9 @@ from collections.abc import Callable
 
 import serial
 
-from softgrip_driver.dynamixel.adapter import naming_advice, request_low_latency
 from softgrip_driver.errors import PortLostError
 from softgrip_driver.tendon.backend import Counters
+from softgrip_driver.usb_adapter import LATENCY_SHARE, drain, naming_advice, request_low_latency
 from softgrip_time import Clock, WallClock
 
 #: [s] that the system may take a packet for; an adapter that hangs counts as gone
@@ -38,6 +38,8 @@ class SerialLink:
         self.path = path
         self.baud = baud
         self.reply_margin = reply_margin
+        #: [s] beyond that, for what the adapter keeps back
+        self.lateness = 0.0
         self._serial: serial.Serial | None = None
 
     @property
@@ -74,23 +76,40 @@ class SerialLink:
             pass  # gone already: nothing is left to close
         self._serial = None
 
-    def send(self, data: bytes) -> None:
-        """Throw away what came in before and send a packet; raises PortLostError."""
+    def send(self, data: bytes) -> bytes:
+        """Send a packet; return what came in before, which is no answer to it. Raises PortLostError."""
+        before = b""
         try:
             port = self._port()
-            port.reset_input_buffer()
+            while piece := port.read(_CHUNK):
+                before += piece
             self.clock.count_written(port.fileno(), port.write(data) or 0)
         except _GONE as error:
             raise self._lost(error) from error
+        return before
 
-    def receive(self, size: int, is_complete: Callable[[bytes], bool]) -> bytes:
+    def wire_time(self, size: int) -> float:
+        """Return the time [s] that so many bytes need."""
+        return size * BITS_PER_BYTE / self.baud
+
+    def reply_deadline(self, size: int, extra_wait: float = 0.0) -> float:
+        """Return when [s, of the clock] an answer can no longer come, to what is sent now.
+
+        Args:
+            size: bytes that question and answer have.
+            extra_wait: [s] beyond the usual time.
+        """
+        return self.clock.now_s() + self.wire_time(size) + self.reply_margin + self.lateness + extra_wait
+
+    def receive(self, size: int, is_complete: Callable[[bytes], bool], extra_wait: float = 0.0) -> bytes:
         """Return what came in until it is complete, or can no longer come; raises PortLostError.
 
         Args:
             size: bytes that question and answer have, for the time they take.
             is_complete: of the bytes so far.
+            extra_wait: [s] beyond the usual time.
         """
-        until = self.clock.now_s() + size * BITS_PER_BYTE / self.baud + self.reply_margin
+        until = self.reply_deadline(size, extra_wait)
         heard = b""
         try:
             port = self._port()
@@ -101,6 +120,17 @@ class SerialLink:
         except _GONE as error:
             raise self._lost(error) from error
         return heard
+
+    def drain(self, quiet: float, limit: float) -> int:
+        """Discard input until none came for ``quiet`` [s], at most ``limit`` [s]; return how many bytes.
+
+        Raises:
+            PortLostError: it went away.
+        """
+        try:
+            return drain(self._port(), self.clock, quiet, limit)
+        except _GONE as error:
+            raise self._lost(error) from error
 
     def _port(self) -> serial.Serial:
         if self._serial is None:
@@ -135,6 +165,11 @@ class SerialBus:
         """Whether the port is there."""
         return self.link.is_open
 
+    @property
+    def port_name(self) -> str:
+        """Device path of the port."""
+        return self.link.path
+
     def open(self) -> None:
         """Open the port; raises PortLostError."""
         self.link.open()
@@ -142,6 +177,10 @@ class SerialBus:
     def close(self) -> None:
         """Close the port; never raises."""
         self.link.close()
+
+    def allow_lateness(self, turnaround: float) -> None:
+        """From now on wait for replies as long as an adapter keeps them back that took so long [s]."""
+        self.link.lateness = LATENCY_SHARE * turnaround
 
     def _count_lost(self, device_id: int) -> None:
         self.counters.lost += 1

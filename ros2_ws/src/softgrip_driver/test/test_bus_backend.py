@@ -34,6 +34,7 @@ class Port:
 class Device(BusDevice):
     name: str
     answer: DriveReading | Exception
+    device_id: int = 1
 
     @property
     def tendon(self) -> str:

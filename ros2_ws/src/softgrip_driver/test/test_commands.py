@@ -17,11 +17,11 @@ from serial.tools.list_ports_common import ListPortInfo
 from softgrip_driver.autogroup import has_autogroups
 from softgrip_driver.commands import calibrate_tension, common, scan, selftest, setup, tension_recording
 from softgrip_driver.commands.selftest import causes
-from softgrip_driver.dynamixel.adapter import latency_timer
 from softgrip_driver.dynamixel.bus import Bus
 from softgrip_driver.dynamixel.registers import MODELS
 from softgrip_driver.errors import LimitError
 from softgrip_driver.tendon.backend import DriveReading
+from softgrip_driver.usb_adapter import latency_timer
 from softgrip_driver.wizard.drive_setup import BusMeasurement
 from softgrip_emulator.dynamixel.chain import DynamixelChain
 from softgrip_emulator.dynamixel.servo import EmulatedServo

@@ -15,7 +15,7 @@ from softgrip_demo.errors import FirstRunError
 from softgrip_demo.first_run.figures import Figure, at_least, at_most, equal_to, within
 from softgrip_description.cell_file import CellFile, ChainServo, ServoChain
 from softgrip_driver.commands import selftest
-from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S, naming_advice
+from softgrip_driver.usb_adapter import LATENCY_REMEDY, SLOW_ADAPTER_S, naming_advice
 from softgrip_driver.wizard.chain import (
     BAUD,
     chain_backend,

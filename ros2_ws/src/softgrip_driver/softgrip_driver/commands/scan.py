@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from serial.tools import list_ports
 
 from softgrip_driver.commands.common import BAUDS, DONE, FAILED, add_drive_option, number, parser, run
-from softgrip_driver.dynamixel.adapter import naming_advice
 from softgrip_driver.errors import ConfigurationError, PortLostError
+from softgrip_driver.usb_adapter import naming_advice
 from softgrip_driver.wizard.drive_setup import DriveSetup, FoundServo, drive_setup
 from softgrip_time import Clock
 

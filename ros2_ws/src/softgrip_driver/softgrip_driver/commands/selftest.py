@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from softgrip_driver.autogroup import AUTOGROUP_REMEDY, has_autogroups
 from softgrip_driver.commands.common import DONE, FAILED, add_bus_options, add_drive_option, number, parser, run
-from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
+from softgrip_driver.usb_adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
 from softgrip_driver.wizard.drive_setup import BusMeasurement, drive_setup
 
 TEXT = """Measure the servo bus with the driver's own cycles: rate, jitter, lost replies, USB latency, return delay.

@@ -21,9 +21,9 @@ from softgrip_driver.commands.common import (
     run,
 )
 from softgrip_driver.commands.person import GivenAnswers, Terminal, TerminalPerson, WrittenAnswers, read_answers
-from softgrip_driver.dynamixel.adapter import stable_names
 from softgrip_driver.errors import ConfigurationError
 from softgrip_driver.rig.build import GAUGES, STAGES
+from softgrip_driver.usb_adapter import stable_names
 from softgrip_driver.wizard.direction import SpoolPull
 from softgrip_driver.wizard.tensioning import TensioningPlan
 from softgrip_driver.wizard.wizard import SetupWizard, WizardSettings

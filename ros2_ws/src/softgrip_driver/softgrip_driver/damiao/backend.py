@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from softgrip_driver.damiao import frames
 from softgrip_driver.damiao.bus import DamiaoBus
 from softgrip_driver.damiao.frames import DamiaoModel, DamiaoState, Feedback, Register
+from softgrip_driver.damiao.slcan import Frame
 from softgrip_driver.errors import (
     MISSING_SERVO_REMEDY,
     ConfigurationError,
@@ -23,6 +24,7 @@ from softgrip_driver.tendon.backend import DriveIdentity, DriveReading, Setpoint
 from softgrip_driver.tendon.bus_backend import BusBackend, BusDevice
 from softgrip_driver.tendon.profile import GoalSpeed
 from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_driver.usb_adapter import LATENCY_REMEDY, SLOW_ADAPTER_S, latency_timer
 
 #: names of the fault table for what a motor says of itself
 _FAULT_NAMES: dict[int, str] = {
@@ -91,9 +93,14 @@ class DamiaoMotor:
 
 @dataclass
 class _Live(BusDevice):
-    """What is known of a motor while the loop runs."""
+    """What is known of a motor while the loop runs.
+
+    Attributes (those that do not speak for themselves):
+        order: that it has, while its torque is on.
+    """
 
     motor: DamiaoMotor
+    order: Frame | None = None
     target: float = math.nan
     max_current: float = math.nan
     voltage: float = math.nan
@@ -107,6 +114,11 @@ class _Live(BusDevice):
         """Name of the tendon on its spool."""
         return self.motor.tendon
 
+    @property
+    def device_id(self) -> int:
+        """ID that the bus knows it by."""
+        return self.motor.motor_id
+
 
 class DamiaoBackend(BusBackend[_Live]):
     """Damiao motors as tendon drives (TendonBackend).
@@ -118,8 +130,12 @@ class DamiaoBackend(BusBackend[_Live]):
         report: told in words what is about to be changed in a motor.
     """
 
+    SLOW_LOOP_COST = ", and with less than the loop_rate that its motors need their jerks pass for tension"
     #: cycles between two slow questions
     SLOW_EVERY = 5
+    #: share of the period between two goals for which the last one's jerk shows in a motor's torque, and how long that
+    #: period may be, in those that a model needs: with longer ones a motor rests before each goal, and rest tells less
+    JERK_SHARE, LONGEST_SHARE = 0.4, 1.1
 
     def __init__(
         self,
@@ -128,18 +144,35 @@ class DamiaoBackend(BusBackend[_Live]):
         timeout: float,
         report: Callable[[str], object] = lambda _: None,
     ) -> None:
-        super().__init__(bus, [_Live(motor) for motor in motors])
+        super().__init__(bus, [_Live(motor) for motor in motors], report)
         self.bus = bus
         self._timeout = timeout
-        self._report = report
         self._cycles = 0
+        #: [s] when goals were sent last, and the period between those and the ones before
+        self._ordered_at, self._order_period = -math.inf, math.inf
 
     # --- connecting ------------------------------------------------------------------------------------------------
+
+    def allow_for_adapter(self) -> None:
+        """See `BusBackend`; an adapter whose own timer keeps bytes back for good is refused.
+
+        Raises:
+            ConfigurationError: it lets no more goals through than make a motor's jerks pass for tension.
+        """
+        super().allow_for_adapter()
+        timer = latency_timer(self.bus.port_name)
+        if self._is_slow and timer is not None and timer > SLOW_ADAPTER_S:
+            model = next(iter(self._live.values())).motor.model
+            raise ConfigurationError(
+                f"port {self.bus.port_name}: expected an adapter that lets {model.needs.loop_rate:.0f} goals a second "
+                f"of a {model.name} through, found one whose latency timer is {timer * 1e3:.0f} ms; {LATENCY_REMEDY}"
+            )
 
     def connect(self, *, keep_torque: bool = False) -> Sequence[DriveIdentity]:
         """Open the adapter, identify every motor, and only then set up any of them, without torque."""
         self.bus.open()
         try:
+            self.allow_for_adapter()
             texts = {tendon: self._identify(live) for tendon, live in self._live.items()}
             for live in self._live.values():
                 seen = self.bus.order(frames.refresh(live.motor.motor_id), live.motor.motor_id, ATTEMPTS)
@@ -217,7 +250,7 @@ class DamiaoBackend(BusBackend[_Live]):
         live.met()
         live.powered = False
         live.goal = live.target = math.nan
-        live.mark = None
+        live.mark = live.order = None
         live.goal_speed.restart()
 
     def _let_go(self, live: _Live) -> None:
@@ -244,16 +277,19 @@ class DamiaoBackend(BusBackend[_Live]):
     def read(self) -> Mapping[str, DriveReading]:
         """Ask all present motors at once, one slow item, and probe one that is missing."""
         now = self.bus.clock.now_s()
+        is_in_jerk = self._is_in_jerk(now)
         present = self._present()
         ids = [live.motor.motor_id for live in present]
         found = self.bus.feedbacks([frames.refresh(one) for one in ids], ids)
+        at_order = self.bus.take_order_feedbacks()
         readings = {}
         for live in present:
             seen = found.get(live.motor.motor_id)
             if seen is None:
                 self._missed(live, now)
             else:
-                readings[live.motor.tendon] = self._reading(live, seen)
+                before_jerk = at_order.get(live.motor.motor_id) if is_in_jerk else None
+                readings[live.motor.tendon] = self._reading(live, seen, before_jerk)
         self._probe(now, readings)
         self._read_slowly(readings)
         return readings
@@ -273,23 +309,28 @@ class DamiaoBackend(BusBackend[_Live]):
                 continue
             share = motor.current(setpoint.tension_limit) / live.max_current
             speed = live.goal_speed.update(now, live.target)
-            orders.append(frames.force_position(motor.motor_id, live.target, speed, share))
-        self.bus.send(orders)
+            live.order = frames.force_position(motor.motor_id, live.target, speed, share)
+            orders.append(live.order)
+        if orders:
+            self._order_period, self._ordered_at = now - self._ordered_at, now
+            self.bus.send(orders)
 
     def power(self, tendon: str, on: bool) -> None:
         """Hold the present position, or let go."""
         live = self._live[tendon]
         motor_id = live.motor.motor_id
         # Unknown until it has been read, however far this gets.
-        live.powered = None
+        live.powered = live.order = None
         if on:
             # An order without current first: the goal of before must never meet the torque.
             live.goal_speed.restart()
-            live.target = self.bus.order(frames.refresh(motor_id), motor_id, 2).position
-            self.bus.order(frames.force_position(motor_id, live.target, 0.0, 0.0), motor_id, 2)
-            self.bus.order(frames.enable(motor_id), motor_id, 2)
+            live.target = self._command(live, frames.refresh(motor_id)).position
+            without_current = frames.force_position(motor_id, live.target, 0.0, 0.0)
+            self._command(live, without_current)
+            self._command(live, frames.enable(motor_id))
+            live.order = without_current
         else:
-            self.bus.order(frames.disable(motor_id), motor_id, 2)
+            self._command(live, frames.disable(motor_id))
 
     def mark_session(self, tendon: str, mark: int) -> None:
         """Keep the mark in the over-temperature limit, up to 0.3 degC below it, where a restart puts it back."""
@@ -297,16 +338,38 @@ class DamiaoBackend(BusBackend[_Live]):
 
     # --- helpers ---------------------------------------------------------------------------------------------------
 
+    def _command(self, live: _Live, order: Frame) -> Feedback:
+        self._repeat_orders()
+        return self.bus.order(order, live.motor.motor_id, 2)
+
+    def _repeat_orders(self) -> None:
+        """Give each motor the order that it has: what takes several questions to one must not let others time out."""
+        self.bus.send([live.order for live in self._live.values() if live.order is not None and not live.absent])
+
     def _write_mark(self, live: _Live, mark: int) -> None:
+        self._repeat_orders()
         limit = math.ceil(self.bus.get(live.motor.motor_id, Register.OVER_TEMPERATURE, 2) - DEGC_PER_MARK / 2)
+        self._repeat_orders()
         self.bus.put(live.motor.motor_id, Register.OVER_TEMPERATURE, limit - mark * DEGC_PER_MARK, 2)
         live.mark = mark
 
-    def _reading(self, live: _Live, seen: Feedback) -> DriveReading:
+    def _is_in_jerk(self, now: float) -> bool:
+        """Return whether the jerk of the goals before shows in what motors are asked now; see `_reading`."""
+        loop_rate = max(live.motor.model.needs.loop_rate for live in self._live.values())
+        is_smooth = self._order_period < self.LONGEST_SHARE / loop_rate
+        return is_smooth and now - self._ordered_at < self.JERK_SHARE * self._order_period
+
+    def _reading(self, live: _Live, seen: Feedback, before_jerk: Feedback | None = None) -> DriveReading:
+        """Return what a motor says.
+
+        A goal gives the stiff position loop a jerk. Where an adapter keeps bytes back, goals go out so late that the
+        next question finds its torque in the midst of it: with what the motor saw as the goal came it makes a mean.
+        """
         live.met()
         motor = live.motor
         live.powered = seen.state == DamiaoState.ENABLED
-        current, pull, stddev = motor.pull(seen)
+        torque = seen.torque if before_jerk is None else 0.5 * (seen.torque + before_jerk.torque)
+        current, pull, stddev = motor.pull(replace(seen, torque=torque))
         fault = _FAULT_NAMES.get(seen.state, "")
         return DriveReading(
             self.bus.clock.now_s(), motor.spool.length(seen.position), motor.spool.length(seen.speed),

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -122,6 +121,11 @@ def force_position(motor_id: int, position: float, speed: float, current_share: 
     return Frame(FORCE_POSITION_OFFSET + motor_id, struct.pack("<fHH", position, speed_units, current_units))
 
 
+def addressee(order: Frame) -> int:
+    """Return the ID of the motor that an order or a question is for."""
+    return int.from_bytes(order.data[:2], "little") if order.can_id == REGISTER_ID else order.can_id & 0xFF
+
+
 def read_register(motor_id: int, register: Register) -> Frame:
     """Return the question for a register."""
     return Frame(REGISTER_ID, struct.pack("<HBB4x", motor_id, _READ, register))
@@ -158,11 +162,6 @@ def feedback(frame: Frame, ranges: Ranges) -> Feedback | None:
 
 def _scaled(value: int, limit: float, bits: int) -> float:
     return 2.0 * limit * value / ((1 << bits) - 1) - limit
-
-
-def by_motor(frames: Sequence[Frame], ranges: Ranges) -> dict[int, Feedback]:
-    """Return the last feedback of each motor."""
-    return {one.motor_id: one for frame in frames if (one := feedback(frame, ranges)) is not None}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,10 @@ def encode(frames: Iterable[Frame]) -> bytes:
 
 
 def decode(heard: bytes) -> tuple[list[Frame], int]:
-    """Return the frames in what was heard, and how many lines were damaged; confirmations are passed over."""
+    """Return the frames of whole lines in what was heard, and how many lines were damaged.
+
+    Confirmations are passed over, and so is a line whose end has not come.
+    """
     frames, damaged = [], 0
     for line in heard.split(END)[:-1]:
         text = line.strip(b"\a\0\n")

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from softgrip_driver.dynamixel import registers as reg
-from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S, latency_timer
 from softgrip_driver.dynamixel.bringup import ServoConfiguration, examine, identify, is_left_holding, set_up
 from softgrip_driver.dynamixel.bus import Bus, BusReply
 from softgrip_driver.dynamixel.registers import ControlItem, HardwareError
@@ -71,20 +70,18 @@ class DynamixelBackend(BusBackend[ServoState]):
         report: Callable[[str], object] = lambda _: None,
         hold_unwatched: bool = False,
     ) -> None:
-        super().__init__(bus, [ServoState(servo) for servo in servos])
+        super().__init__(bus, [ServoState(servo) for servo in servos], report)
         self.bus = bus
         self._hold_unwatched = hold_unwatched
         self._watchdog_units = (
             0 if watchdog <= 0.0 else max(1, min(127, round(watchdog / reg.WATCHDOG_SECONDS_PER_UNIT)))
         )
         self._write_eeprom = write_eeprom
-        self._report = report
         self._plain_until, self._plain_period = 0.0, self.PLAIN_PERIOD
         #: servo that was silent -> its place behind the others
         self._asked_late: dict[int, int] = {}
         self._turn = 0
         self._cycles = 0
-        self._slow_every = 1
         self._deaf = 0
         self.fast = False
 
@@ -97,8 +94,8 @@ class DynamixelBackend(BusBackend[ServoState]):
         """
         self.bus.open()
         try:
+            self.allow_for_adapter()
             identities = [identify(self.bus, live.servo) for live in self._live.values()]
-            self.allow_for_adapter(identities[0].servo.servo_id)
             self._tell_differences()
             for live, identity in zip(self._live.values(), identities, strict=True):
                 if keep_torque and is_left_holding(self.bus, live.servo):
@@ -124,22 +121,6 @@ class DynamixelBackend(BusBackend[ServoState]):
         live.goal = live.servo.length(self.bus.read(servo_id, reg.GOAL_POSITION, attempts=3))
         self.bus.write(servo_id, reg.BUS_WATCHDOG, 0, attempts=3)
         live.powered = True
-
-    def allow_for_adapter(self, servo_id: int) -> None:
-        """Wait for replies as long as the adapter keeps them back, and ask less, where it is slow; say so."""
-        late = self.bus.turnaround(servo_id)
-        if late <= SLOW_ADAPTER_S:
-            return
-        port = self.bus.port
-        port.reply_margin = max(port.reply_margin, 1.5 * late + SLOW_ADAPTER_S)
-        self._slow_every = self.SLOW_EVERY
-        timer = latency_timer(port.port_name)
-        known = "" if timer is None else f", its latency timer is {timer * 1e3:.0f} ms"
-        self._report(
-            f"port {port.port_name}: expected replies within {SLOW_ADAPTER_S * 1e3:.0f} ms, found {late * 1e3:.0f} ms: "
-            f"the USB adapter keeps bytes back{known}; the loop gets along with at most {0.8 / late:.0f} Hz; "
-            f"{LATENCY_REMEDY}"
-        )
 
     def _tell_differences(self) -> None:
         """Report what would be written to all servos: a wrong port or ID is noticed while nothing has been."""
@@ -407,7 +388,7 @@ class DynamixelBackend(BusBackend[ServoState]):
         urgent = next((live for live in answering if live.urgent), None)
         if urgent is not None:
             live, block = urgent, urgent.urgent.pop(0)
-        elif self._cycles % self._slow_every:
+        elif self._is_slow and self._cycles % self.SLOW_EVERY:
             return
         else:
             self._turn += 1

@@ -17,8 +17,9 @@ from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS
 from softgrip_driver.dynamixel.port import BITS_PER_BYTE, PORT_ERRORS, BusPort
 from softgrip_driver.dynamixel.registers import ALERT_BIT, STATUS_ERRORS, ControlItem
 from softgrip_driver.dynamixel.stuffing import PacketHandler
-from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, DriverError, NoReplyError, PortLostError
+from softgrip_driver.errors import CorruptReplyError, DeviceRefusedError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import Counters
+from softgrip_driver.usb_adapter import LATENCY_SHARE, ask_patiently, measure_turnaround
 from softgrip_time import Clock, WallClock
 
 BROADCAST = 0xFE
@@ -33,9 +34,6 @@ _PING_BYTES = 3
 #: reads of the measured items, from Realtime Tick to Present Temperature, that tell whether two servos answer at once
 SHARED_READS, SHARED_BYTES = 5, 27
 _MEASURED = (120).to_bytes(2, "little") + SHARED_BYTES.to_bytes(2, "little")
-#: pings that measure the adapter, and [s] that each may take
-TURNAROUND_PINGS = 5
-TURNAROUND_LIMIT_S = 0.1
 _ID_AT, _LENGTH_AT, _ERROR_AT, _DATA_AT = 4, 5, 8, 9
 
 
@@ -78,6 +76,11 @@ class Bus:
         """Whether the port is open."""
         return bool(self.port.is_open)
 
+    @property
+    def port_name(self) -> str:
+        """Device path of the port."""
+        return str(self.port.port_name)
+
     def open(self) -> None:
         """Open the port; raises PortLostError or ConfigurationError."""
         with self._lock:
@@ -94,29 +97,16 @@ class Bus:
         return int.from_bytes(reply.data[:2], "little"), reply.data[2]
 
     def turnaround(self, servo_id: int) -> float:
-        """Return how long [s] a servo's replies take beyond the time of their bytes, on an idle computer.
-
-        Each ping begins as the one before was answered, which is when the timer of an adapter starts again: all but the
-        first take as long as it lasts. A busy computer makes some of them late, so the soonest counts.
-
-        Raises:
-            NoReplyError, CorruptReplyError: of the last one, where fewer than two were answered.
-        """
-        waits: list[float] = []
-        failure: DriverError | None = None
-        for _ in range(TURNAROUND_PINGS):
-            began = self.clock.now_s()
-            try:
-                with self._lock:
-                    self._exchange_once(servo_id, _PING, b"", _PING_BYTES, TURNAROUND_LIMIT_S)
-            except (NoReplyError, CorruptReplyError) as error:
-                failure = error
-            else:
-                waits.append(self.clock.now_s() - began)
-        if failure is not None and len(waits) < 2:
-            raise failure
+        """Return how long [s] a servo's replies take beyond the time of their bytes; see `measure_turnaround`."""
         wire = (_INSTRUCTION_OVERHEAD + _STATUS_OVERHEAD + _PING_BYTES) * BITS_PER_BYTE / self.port.baudrate
-        return max(0.0, min(waits[1:]) - wire)
+        with self._lock:
+            return measure_turnaround(
+                lambda extra: self._exchange_once(servo_id, _PING, b"", _PING_BYTES, extra), wire, self.clock
+            )
+
+    def allow_lateness(self, turnaround: float) -> None:
+        """From now on wait for replies as long as an adapter keeps them back that took so long [s]."""
+        self.port.lateness = LATENCY_SHARE * turnaround
 
     def broadcast_ping(self, wait: float = 0.3) -> dict[int, tuple[int, int]]:
         """Return {ID: (model number, firmware)} of every servo that answers within ``wait`` [s]."""
@@ -218,22 +208,11 @@ class Bus:
         return replies
 
     def _exchange(self, servo_id: int, instruction: int, parameters: bytes, size: int, attempts: int) -> BusReply:
-        """Send an instruction until a whole answer came, at most ``attempts`` times.
-
-        Each attempt waits four times as long as the one before: a host or adapter busy with starting up answers late.
-        """
-        with self._lock:
-            for attempt in range(1, attempts + 1):
-                try:
-                    extra_wait = (4.0 ** (attempt - 1) - 1.0) * self.port.reply_margin
-                    return self._exchange_once(servo_id, instruction, parameters, size, extra_wait)
-                except (NoReplyError, CorruptReplyError):
-                    if attempt == attempts:
-                        raise
-                    with self._guard():
-                        # A reply that is only late would otherwise answer the next question.
-                        self.port.drain(self.port.reply_margin, 10.0 * self.port.reply_margin)
-        raise AssertionError("attempts must be at least 1")
+        """Send an instruction until a whole answer came, at most ``attempts`` times."""
+        with self._lock, self._guard():
+            return ask_patiently(
+                lambda extra: self._exchange_once(servo_id, instruction, parameters, size, extra), attempts, self.port
+            )
 
     def _exchange_once(
         self, servo_id: int, instruction: int, parameters: bytes, size: int, extra_wait: float
@@ -267,8 +246,8 @@ class Bus:
                 "check wiring, termination and that each ID is used once"
             )
         raise NoReplyError(
-            f"servo {servo_id}: expected a reply within {self.port.reply_margin * 1e3:.1f} ms, found none; "
-            "check power, cable, ID and baud rate"
+            f"servo {servo_id}: expected a reply within {(self.port.reply_margin + self.port.lateness) * 1e3:.1f} ms, "
+            "found none; check power, cable, ID and baud rate"
         )
 
     def _send(self, servo_id: int, instruction: int, parameters: bytes) -> None:

@@ -17,8 +17,8 @@ from typing import Any
 import serial
 from dynamixel_sdk import PortHandler
 
-from softgrip_driver.dynamixel.adapter import naming_advice, request_low_latency
 from softgrip_driver.errors import ConfigurationError, PortLostError
+from softgrip_driver.usb_adapter import drain, naming_advice, request_low_latency
 from softgrip_time import Clock
 
 #: [s] that the system may take a packet for. An adapter that hangs with its flow stopped would hold the bus thread for
@@ -62,6 +62,8 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
         self.ser: Any = None
         self.baudrate = baud
         self.reply_margin = reply_margin
+        #: [s] beyond that, for what the adapter keeps back
+        self.lateness = 0.0
         #: [s] when something was written last
         self.last_traffic = 0.0
         self._deadline = 0.0
@@ -115,8 +117,9 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
         return self.clock.now_s() >= self._deadline
 
     def allow(self, length: int, extra: float = 0.0) -> None:
-        """Set the deadline of a reply of ``length`` bytes, ``extra`` [s] beyond the usual margin."""
-        self._deadline = self.clock.now_s() + length * self.tx_time_per_byte * 1e-3 + self.reply_margin + extra
+        """Set the deadline of a reply of ``length`` bytes, ``extra`` [s] beyond the usual time."""
+        usual = length * self.tx_time_per_byte * 1e-3 + self.reply_margin + self.lateness
+        self._deadline = self.clock.now_s() + usual + extra
 
     def open(self) -> None:
         """Open the port.
@@ -153,10 +156,4 @@ class BusPort(PortHandler):  # type: ignore[misc]  # dynamixel-sdk has no types
 
     def drain(self, quiet: float, limit: float) -> int:
         """Discard input until none came for ``quiet`` [s], at most ``limit`` [s]; return the bytes discarded."""
-        end = self.clock.now_s() + limit
-        discarded = 0
-        while self.clock.now_s() < end:
-            if not self.clock.wait_readable((self.ser.fd,), self.clock.now_s() + quiet):
-                break
-            discarded += len(self.ser.read(4096))
-        return discarded
+        return drain(self.ser, self.clock, quiet, limit)

@@ -61,6 +61,11 @@ class ServoState(BusDevice):
         self.motor = self.servo.standing()
 
     @property
+    def device_id(self) -> int:
+        """ID that the bus knows it by."""
+        return self.servo.servo_id
+
+    @property
     def mark_block(self) -> SlowRead:
         """The block with the session mark."""
         return MARK if self.servo.has_current_goal else VELOCITY_MARK

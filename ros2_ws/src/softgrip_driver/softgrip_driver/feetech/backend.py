@@ -51,6 +51,11 @@ class _Live(BusDevice):
         """Name of the tendon on its spool."""
         return self.servo.tendon
 
+    @property
+    def device_id(self) -> int:
+        """ID that the bus knows it by."""
+        return self.servo.servo_id
+
 
 class FeetechBackend(BusBackend[_Live]):
     """Feetech STS servos as tendon drives (TendonBackend).
@@ -75,10 +80,9 @@ class FeetechBackend(BusBackend[_Live]):
         write_eeprom: bool = True,
         report: Callable[[str], object] = lambda _: None,
     ) -> None:
-        super().__init__(bus, [_Live(servo) for servo in servos])
+        super().__init__(bus, [_Live(servo) for servo in servos], report)
         self.bus = bus
         self._write_eeprom = write_eeprom
-        self._report = report
 
     # --- connecting ------------------------------------------------------------------------------------------------
 
@@ -86,6 +90,7 @@ class FeetechBackend(BusBackend[_Live]):
         """Open the port, identify every servo, compare its settings, and only then set up any of them, torque off."""
         self.bus.open()
         try:
+            self.allow_for_adapter()
             texts = {}
             for live in self._live.values():
                 live.servo, texts[live.servo.tendon] = identify(self.bus, live.servo)

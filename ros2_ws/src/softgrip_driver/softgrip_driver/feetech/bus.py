@@ -10,6 +10,10 @@ from softgrip_driver.feetech import packets
 from softgrip_driver.feetech.packets import FeetechAnswer
 from softgrip_driver.feetech.registers import FeetechItem
 from softgrip_driver.serial_bus import SerialBus
+from softgrip_driver.usb_adapter import ask_patiently, measure_turnaround
+
+#: [s] that a servo waits before it answers, at most (memory table, return delay (7): 254 units of 2 us)
+LONGEST_RETURN_DELAY_S = 0.00051
 
 
 class FeetechBus(SerialBus):
@@ -32,6 +36,12 @@ class FeetechBus(SerialBus):
         """Return a servo's answer; raises as `read` does."""
         return self._ask(servo_id, packets.encode(servo_id, packets.PING), 0, attempts)
 
+    def turnaround(self, servo_id: int) -> float:
+        """Return how long [s] a servo's replies take beyond the time of their bytes; see `measure_turnaround`."""
+        question = packets.encode(servo_id, packets.PING)
+        wire = self.link.wire_time(len(question) + packets.OVERHEAD)
+        return measure_turnaround(lambda extra: self._ask_once(servo_id, question, 0, extra), wire, self.clock)
+
     def broadcast_ping(self) -> bytes:
         """Return what came after a ping to all, whole or not; raises PortLostError.
 
@@ -53,7 +63,9 @@ class FeetechBus(SerialBus):
         with self._lock:
             self.counters.transactions += 1
             self.link.send(question)
-            heard = self.link.receive(len(question) + reply_size, lambda so_far: len(so_far) >= reply_size)
+            heard = self.link.receive(
+                len(question) + reply_size, lambda so_far: len(so_far) >= reply_size, len(ids) * LONGEST_RETURN_DELAY_S
+            )
         answers, damaged = packets.decode(heard)
         found = {one.servo_id: one for one in answers if one.servo_id in ids and len(one.data) == size}
         self.counters.corrupt += damaged
@@ -70,20 +82,15 @@ class FeetechBus(SerialBus):
             self.link.send(packets.encode_sync_write(item.address, {i: item.encode(v) for i, v in values.items()}))
 
     def _ask(self, servo_id: int, question: bytes, size: int, attempts: int) -> FeetechAnswer:
-        while True:
-            attempts -= 1
-            try:
-                return self._ask_once(servo_id, question, size)
-            except (NoReplyError, CorruptReplyError):
-                if attempts <= 0:
-                    raise
+        with self._lock:
+            return ask_patiently(lambda extra: self._ask_once(servo_id, question, size, extra), attempts, self.link)
 
-    def _ask_once(self, servo_id: int, question: bytes, size: int) -> FeetechAnswer:
+    def _ask_once(self, servo_id: int, question: bytes, size: int, extra_wait: float) -> FeetechAnswer:
         reply_size = packets.OVERHEAD + size
         with self._lock:
             self.counters.transactions += 1
             self.link.send(question)
-            heard = self.link.receive(len(question) + reply_size, lambda so_far: len(so_far) >= reply_size)
+            heard = self.link.receive(len(question) + reply_size, lambda so_far: len(so_far) >= reply_size, extra_wait)
         answers, _ = packets.decode(heard)
         for one in answers:
             if one.servo_id == servo_id and len(one.data) == size:

@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
-from softgrip_driver.errors import ConfigurationError, DriverError, PortLostError
+from softgrip_driver.errors import ConfigurationError, CorruptReplyError, DriverError, NoReplyError, PortLostError
 from softgrip_driver.tendon.backend import Counters, DriveReading
+from softgrip_driver.usb_adapter import FACTORY_LATENCY_S, LATENCY_REMEDY, SLOW_ADAPTER_S, latency_timer
 from softgrip_time import Clock
 
 #: misses in a row after which a drive is left out of the question to all
@@ -32,11 +33,25 @@ class DriveBus(Protocol):
     def is_open(self) -> bool:
         """Whether its port is there."""
 
+    @property
+    def port_name(self) -> str:
+        """Device path of the port."""
+
     def open(self) -> None:
         """Open the port; raises PortLostError."""
 
     def close(self) -> None:
         """Close it; never raises."""
+
+    def turnaround(self, device_id: int, /) -> float:
+        """Return how long [s] a drive's replies take beyond the time of their bytes.
+
+        Raises:
+            NoReplyError, CorruptReplyError: it does not answer.
+        """
+
+    def allow_lateness(self, turnaround: float) -> None:
+        """From now on wait for replies as long as an adapter keeps them back that took so long [s]."""
 
 
 @dataclass(kw_only=True)
@@ -63,6 +78,11 @@ class BusDevice(ABC):
     def tendon(self) -> str:
         """Name of the tendon on its spool."""
 
+    @property
+    @abstractmethod
+    def device_id(self) -> int:
+        """ID that the bus knows it by."""
+
     def met(self) -> None:
         """Take that it has answered."""
         self.misses, self.absent = 0, False
@@ -85,11 +105,19 @@ class BusBackend(ABC, Generic[State]):
     Args:
         bus: not yet open.
         states: of the drives, in order.
+        report: told in words what a person should know while it connects.
     """
 
-    def __init__(self, bus: DriveBus, states: Iterable[State]) -> None:
+    #: what a loop that an adapter slows down costs with such drives, in words
+    SLOW_LOOP_COST = ""
+
+    def __init__(
+        self, bus: DriveBus, states: Iterable[State], report: Callable[[str], object] = lambda _: None
+    ) -> None:
         self._port = bus
         self._live = {state.tendon: state for state in states}
+        self._report = report
+        self._is_slow = False
 
     @property
     def tendons(self) -> Sequence[str]:
@@ -108,6 +136,33 @@ class BusBackend(ABC, Generic[State]):
     def goal_position(self, tendon: str) -> float:
         """Return the goal [m, device frame] of a drive that was left holding, NaN for others."""
         return self._live[tendon].goal
+
+    def allow_for_adapter(self) -> None:
+        """Wait for replies as long as the adapter keeps them back; say so where it is slow."""
+        late = self._measured_lateness()
+        self._is_slow = late is not None and late > SLOW_ADAPTER_S
+        if late is None or not self._is_slow:
+            # The margin holds what a quick adapter needs, and who does not answer must not keep the loop for longer.
+            self._port.allow_lateness(FACTORY_LATENCY_S if late is None else 0.0)
+            return
+        self._port.allow_lateness(late)
+        name = self._port.port_name
+        timer = latency_timer(name)
+        known = "" if timer is None else f", its latency timer is {timer * 1e3:.0f} ms"
+        self._report(
+            f"port {name}: expected replies within {SLOW_ADAPTER_S * 1e3:.0f} ms, found {late * 1e3:.0f} ms: the USB "
+            f"adapter keeps bytes back{known}; the loop gets along with at most {0.8 / late:.0f} "
+            f"Hz{self.SLOW_LOOP_COST}; {LATENCY_REMEDY}"
+        )
+
+    def _measured_lateness(self) -> float | None:
+        """Return how late [s] the replies of the first drive that answers come; None where none does."""
+        for live in self._live.values():
+            try:
+                return self._port.turnaround(live.device_id)
+            except (NoReplyError, CorruptReplyError):
+                continue
+        return None
 
     def disconnect(self, *, keep_torque: bool = False) -> None:
         """Torque off, unless ``keep_torque`` is set, and close."""

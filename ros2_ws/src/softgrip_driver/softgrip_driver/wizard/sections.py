@@ -12,12 +12,12 @@ from softgrip_description.cell_file import CellCamera, CellFile, CellFolders, Ce
 from softgrip_description.errors import HandError
 from softgrip_description.hand import load_hand
 from softgrip_driver.commands.person import Terminal
-from softgrip_driver.dynamixel.adapter import BY_ID, stable_names
 from softgrip_driver.errors import ConfigurationError, DeviceRefusedError
 from softgrip_driver.port_names import FOLDER
 from softgrip_driver.rig.build import GAUGES, STAGES, StreamSettings, make_gauge, make_stage
 from softgrip_driver.rig.devices import Gauge, Stage
 from softgrip_driver.rig.line_format import FORMATS
+from softgrip_driver.usb_adapter import BY_ID, stable_names
 from softgrip_time import Clock, WallClock
 
 CAMERAS, OWN_NAMES = Path("/dev/v4l/by-id"), Path("/dev") / FOLDER

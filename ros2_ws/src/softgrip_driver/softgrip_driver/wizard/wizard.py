@@ -21,11 +21,11 @@ from softgrip_description.cell_file import (
 from softgrip_description.errors import CellFileError
 from softgrip_driver.commands import selftest
 from softgrip_driver.commands.person import Terminal
-from softgrip_driver.dynamixel.adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
 from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError
 from softgrip_driver.tendon.gripper import GripperController
 from softgrip_driver.tendon.loop import BusLoop
 from softgrip_driver.tendon.needs import SHIPPED_LOOP_RATE
+from softgrip_driver.usb_adapter import LATENCY_REMEDY, SLOW_ADAPTER_S
 from softgrip_driver.wizard.chain import (
     chain_backend,
     chain_controller,

@@ -9,7 +9,6 @@ from enum import IntFlag
 
 from softgrip_driver.commands.setup import assign
 from softgrip_driver.dynamixel import registers as reg
-from softgrip_driver.dynamixel.adapter import latency_timer
 from softgrip_driver.dynamixel.backend import FAST_BLOCK, DynamixelBackend
 from softgrip_driver.dynamixel.bringup import (
     FACTORY_BAUD,
@@ -31,6 +30,7 @@ from softgrip_driver.dynamixel.registers import (
 )
 from softgrip_driver.errors import ConfigurationError, DeviceNotFoundError, DriverError, PortLostError
 from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_driver.usb_adapter import latency_timer
 from softgrip_driver.wizard.drive_setup import BusMeasurement, ChainRow, FoundServo, ServoHealth, SetupModel
 from softgrip_time import Clock
 
@@ -172,12 +172,12 @@ def measure(bus: Bus, seconds: float) -> BusMeasurement:
             f"{bus.port.port_name}: expected servos at {bus.port.baudrate} baud, found none; run scan"
         )
     turnaround = bus.turnaround(ids[0])
-    bus.port.reply_margin = max(bus.port.reply_margin, 2.0 * turnaround)
+    bus.allow_lateness(turnaround)
     servos = [identify(bus, _servo(servo_id, number)).servo for servo_id, (number, _) in sorted(found.items())]
     delays = {i: bus.read(i, reg.RETURN_DELAY, attempts=3) * reg.RETURN_DELAY_SECONDS_PER_UNIT for i in ids}
     backend = DynamixelBackend(bus, servos, watchdog=0.0)
     backend.fast = all(servo.fast_sync_read for servo in servos)
-    backend.allow_for_adapter(ids[0])
+    backend.allow_for_adapter()
     lost, corrupt = bus.counters.lost, bus.counters.corrupt
     durations: list[float] = []
     began = bus.clock.now_s()

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from enum import IntFlag
 
-from softgrip_driver.dynamixel.adapter import latency_timer
 from softgrip_driver.errors import (
     MISSING_SERVO_REMEDY,
     ConfigurationError,
@@ -30,6 +29,7 @@ from softgrip_driver.feetech.servo import FeetechServo
 from softgrip_driver.serial_bus import BITS_PER_BYTE
 from softgrip_driver.tendon.needs import required_limits
 from softgrip_driver.tendon.units import Spool, TorqueModel
+from softgrip_driver.usb_adapter import latency_timer
 from softgrip_driver.wizard.drive_setup import BusMeasurement, ChainRow, FoundServo, ServoHealth, SetupModel
 from softgrip_time import Clock
 
@@ -39,7 +39,6 @@ _IDS = range(254)
 FACTORY_ID, FACTORY_BAUD = 1, 1_000_000
 #: reads of what a servo measures, of which most are damaged where two answer at once
 _SHARED_READS = 5
-_PINGS = 5
 #: [N] of no consequence: a servo is only read
 _HARD_N, _SPEED_M_S = 45.0, 0.05
 
@@ -153,18 +152,8 @@ class FeetechSetup:
         return f"switch the supply of ID {servo_id} off and on"
 
     def turnaround(self, bus: FeetechBus, servo_id: int) -> float:
-        """See `DriveSetup`; as `dynamixel.bus.Bus.turnaround` measures it."""
-        margin, waits = bus.link.reply_margin, []
-        bus.link.reply_margin = max(margin, 0.1)
-        try:
-            for _ in range(_PINGS):
-                began = bus.clock.now_s()
-                bus.ping(servo_id, attempts=2)
-                waits.append(bus.clock.now_s() - began)
-        finally:
-            bus.link.reply_margin = margin
-        wire = 2 * packets.OVERHEAD * BITS_PER_BYTE / bus.link.baud
-        return max(0.0, min(waits[1:]) - wire)
+        """See `DriveSetup`."""
+        return bus.turnaround(servo_id)
 
     def who_answers(self, bus: FeetechBus) -> str:
         """See `DriveSetup`."""
@@ -226,7 +215,7 @@ class FeetechSetup:
                 f"{bus.link.path}: expected servos at {bus.link.baud} baud, found none; run scan --drive feetech"
             )
         turnaround = self.turnaround(bus, ids[0])
-        bus.link.reply_margin = max(bus.link.reply_margin, 2.0 * turnaround)
+        bus.allow_lateness(turnaround)
         backend = FeetechBackend(bus, [identify(bus, self._reading_servo(bus, one))[0] for one in ids])
         lost, corrupt = bus.counters.lost, bus.counters.corrupt
         durations: list[float] = []
