@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
+from softgrip_emulator.camera.optics import draw_optics
 from softgrip_emulator.plant.fingers import FingerBank, run_in
 from softgrip_emulator.plant.truth import FingerTruth, draw_finger
 from softgrip_model.finger import Finger, JointModel, Kernel
@@ -94,9 +95,23 @@ def seen(
     return closing, ClosingConditions(truth.speed_mm_per_s, truth.rest_s, temperature_c, truth.further_mm)
 
 
-def through_the_camera(truth: Truth, tips_mm: Array) -> Array:
-    """Return where a camera that may have moved sees tips (K, 2) [mm] of a finger that may be turned."""
-    return tips_mm * truth.camera_scale * np.array([1.0, math.cos(truth.tilt_rad)]) + truth.camera_mm
+class View:
+    """The emulated cell's camera, and the side that a finger which is turned leans to.
+
+    Args:
+        seed: of both.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self._optics = draw_optics(640, 480, seed)
+        self._side = float(np.random.default_rng(seed).choice([-1.0, 1.0]))
+
+    def seen(self, truth: Truth, tips_mm: Array) -> Array:
+        """Return where a camera that may have moved sees tips (K, 2) [mm] of a finger that may be turned about x."""
+        x, y = 1e-3 * tips_mm.T
+        tilt_rad = self._side * truth.tilt_rad
+        points = np.column_stack([x, y * math.cos(tilt_rad), y * math.sin(tilt_rad)])
+        return 1e3 * self._optics.in_plane(points) * truth.camera_scale + truth.camera_mm
 
 
 class HingedFinger:
@@ -106,7 +121,7 @@ class HingedFinger:
         profile = load_directory(shipped_directory())[finger_set]
         self.believed, friction = Finger.from_profile(profile, "index"), assumed_friction(profile)
         self.law = friction.law
-        self._rng = np.random.default_rng([seed, SETS.index(finger_set)])
+        self._rng, self._view = np.random.default_rng([seed, SETS.index(finger_set)]), View(seed)
         hinges = self.believed.with_joint_model(JointModel.HINGE)
         self._printed = hinges.with_design(
             np.array(hinges.thickness_mm) + 0.07 * self._rng.standard_normal(3),
@@ -131,7 +146,7 @@ class HingedFinger:
         own = self._own * np.array([friction * truth.friction, stiffness * unrecovered])
         pulled = PULLS_MM + truth.zero_mm + shift_mm
         found = [self._solve(truth, pull, own[0], own[1] * share) for pull, share in zip(pulled, loading, strict=True)]
-        tips = through_the_camera(truth, np.array([tip for tip, _ in found]))
+        tips = self._view.seen(truth, np.array([tip for tip, _ in found]))
         return tips, truth.gain * np.array([tension for _, tension in found])
 
     def _solve(self, truth: Truth, pull: float, friction: float, stiffness: float) -> tuple[Array, float]:
@@ -191,7 +206,7 @@ class BeamFinger:
     def __init__(self, finger_set: str, seed: int) -> None:
         profile = load_directory(shipped_directory())[finger_set]
         self.believed, self.law = Finger.from_profile(profile, "index"), calibrated(seed).law
-        self._rng = np.random.default_rng([seed, SETS.index(finger_set)])
+        self._rng, self._view = np.random.default_rng([seed, SETS.index(finger_set)]), View(seed)
         drawn = draw_finger(
             profile.finger("index"), profile.material, profile.cable, profile=finger_set, serial="1", seed=seed
         )
@@ -209,7 +224,7 @@ class BeamFinger:
         self._bank.warm(truth.room_c)
         self._rest(truth.rest_s)
         tips, tensions = self._pull(truth, truth.zero_mm + SCATTER_MM * self._rng.standard_normal())
-        return seen(self._rng, truth, through_the_camera(truth, tips), truth.gain * tensions, self._predicted_n)
+        return seen(self._rng, truth, self._view.seen(truth, tips), truth.gain * tensions, self._predicted_n)
 
     def _mounted(self, truth: Truth) -> FingerBank:
         bank = FingerBank([_changed(self._printed, truth)])

@@ -17,7 +17,8 @@ from softgrip_testing.benchmark_claim import claim, no_options
 from softgrip_testing.calculix_flexures import random_finger
 
 LAW = published("braid-tpu-chapter4").law
-SEEDS = range(4001, 4051)
+#: With the first fifty `follow` was written; the others were never looked at.
+SEEDS = range(4001, 4051), range(5001, 5301)
 RADIUS_MM, FREE_MM = 6.0, 8.0
 UP = np.arange(0.5, 16.1, 0.5)
 PULLS = np.concatenate([UP, UP[-2:3:-1], UP[4:]])
@@ -38,15 +39,16 @@ def goes_through(finger: Finger, seed: int) -> bool:
 def main() -> int:
     """Print the claim."""
     no_options(__doc__)
-    through = {
-        model: sum(goes_through(random_finger(seed).with_joint_model(model), seed) for seed in SEEDS)
-        for model in (JointModel.FLEXURE, JointModel.HINGE)
-    }
-    claim(
-        "paths past an object", through[JointModel.FLEXURE], f"of {len(SEEDS)}", better="higher", goal=len(SEEDS),
-        note="random fingers of mode F, cylinder at the tip, closed, opened, closed", runs=1,
-        peer="mode P", peer_value=through[JointModel.HINGE],
-    )  # fmt: skip
+    for seeds in SEEDS:
+        through = {
+            model: sum(goes_through(random_finger(seed).with_joint_model(model), seed) for seed in seeds)
+            for model in (JointModel.FLEXURE, JointModel.HINGE)
+        }
+        claim(
+            "paths past an object", through[JointModel.FLEXURE], f"of {len(seeds)}", better="higher", goal=len(seeds),
+            note="random fingers of mode F, cylinder at the tip, closed, opened, closed", runs=1,
+            peer="mode P", peer_value=through[JointModel.HINGE],
+        )  # fmt: skip
     return 0
 
 

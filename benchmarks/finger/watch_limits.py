@@ -33,7 +33,7 @@ MIN_CHANGE = 4.0
 
 def strips(joint: int, share: float) -> dict[str, object]:
     """Return one strip that has lost a share."""
-    return {"strips": tuple(1.0 - max(0.0, share) * (j == joint) for j in range(3))}
+    return {"strips": tuple(1.0 - min(max(0.0, share), 0.95) * (j == joint) for j in range(3))}
 
 
 #: What each cause makes of amounts about one.
@@ -43,7 +43,7 @@ CAUSES: tuple[tuple[Cause, int, Callable[[Array], dict[str, object]]], ...] = (
     (Cause.TENSION_GAIN, 1, lambda a: {"gain": 1.0 + 0.1 * a[0]}),
     (Cause.ZERO, 1, lambda a: {"zero_mm": a[0]}),
     (Cause.CABLE, 1, lambda a: {"stretch_mm_per_n": max(0.0, 0.1 * a[0])}),
-    (Cause.OUT_OF_PLANE, 1, lambda a: {"tilt_rad": 0.2 * abs(a[0])}),
+    (Cause.OUT_OF_PLANE, 1, lambda a: {"tilt_rad": 0.2 * a[0]}),
     (Cause.CAMERA, 3, lambda a: {"camera_mm": (a[0], a[1]), "camera_scale": 1.0 + 0.01 * a[2]}),
     (Cause.STRIP, 1, lambda a: strips(0, 0.1 * a[0])),
     (Cause.STRIP, 1, lambda a: strips(1, 0.1 * a[0])),

@@ -101,3 +101,26 @@ def test_plant_and_predictor_differ_as_much_as_finite_elements_and_predictor_do(
     _, hinges_mesh, plant_hinges, plant_flexures, flexures_mesh, _ = columns.mean(axis=1)
     assert plant_hinges > 0.8 * hinges_mesh > 1.0
     assert plant_flexures > 0.8 * flexures_mesh > 0.05
+
+
+def test_a_cable_creeps_by_its_share_of_the_stretch():
+    """After its time constant, 1 - 1/e of the share: as much pull is lost, and comes back with the tension."""
+    still = replace(ideal_finger(3), cable_stiffness_n=2000.0)
+    share, time_s, pull_m = 0.2, 30.0, 0.010
+    length_m = still.lead_length_m + float(still.link_lengths_m.sum())
+    creeping = FingerBank([replace(still, cable_creep_share=share, cable_creep_time_s=time_s)])
+    other = FingerBank([still])
+    for bank in (creeping, other):
+        for step in range(1, 301):
+            bank.step(np.array([pull_m * step / 300]), 1e-3)
+    at_first_n = float(creeping.tension_n[0])
+    assert at_first_n == pytest.approx(float(other.tension_n[0]), rel=2e-3)
+    for _ in range(round(time_s / 0.01)):
+        creeping.step(np.array([pull_m]), 0.01)
+    mean_n = 0.5 * (at_first_n + float(creeping.tension_n[0]))
+    lost_m = length_m * share * mean_n / still.cable_stiffness_n * (1.0 - np.exp(-1.0))
+    assert lost_m > 2e-5
+    for _ in range(300):
+        other.step(np.array([pull_m - lost_m]), 1e-3)
+    fallen_n = at_first_n - float(creeping.tension_n[0])
+    assert fallen_n == pytest.approx(at_first_n - float(other.tension_n[0]), rel=0.05)

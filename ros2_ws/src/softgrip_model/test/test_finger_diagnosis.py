@@ -77,6 +77,13 @@ def settled(profiles: dict[str, Profile], seed: int = 1) -> tuple[TrueFinger, Ca
     return copy.deepcopy(_SETTLED[seed])
 
 
+def seen_tilted(tip_mm: np.ndarray, tilt_rad: float, camera_mm: np.ndarray) -> np.ndarray:
+    """Return where in the plane a camera sees a tip that has been turned out of it about x [mm]."""
+    x, y = tip_mm
+    point, z = np.array([x, y * math.cos(tilt_rad)]), y * math.sin(tilt_rad)
+    return np.asarray(camera_mm[:2] + camera_mm[2] / (camera_mm[2] - z) * (point - camera_mm[:2]))
+
+
 CHANGES = {
     "friction": ({"friction": 1.25}, {Cause.FRICTION}, WearVerdict.RECALIBRATE),
     "worn friction": ({"friction": 1.9}, {Cause.FRICTION}, WearVerdict.WORN),
@@ -203,13 +210,43 @@ def test_what_a_closing_reads_is_exact(profiles: dict[str, Profile]) -> None:
     seen = found[Cause.CAMERA].effect(np.array([1.0, -2.0, 0.01, 0.0]))
     assert seen is not None
     assert seen[: 2 * count].reshape(-1, 2) == pytest.approx(0.01 * tip + [1.0, -2.0])
-    turned = found[Cause.OUT_OF_PLANE].effect(np.array([0.03]))
-    assert turned is not None
-    assert turned[1 : 2 * count : 2] == pytest.approx(-0.03 * tip[:, 1])
     further = found[Cause.ZERO].effect(np.array([0.5]))
     direct = Kernel([finger.believed], finger.law).solve(PULLS + 0.5)
     assert further is not None
     assert (own.value + further)[: 2 * count].reshape(-1, 2) == pytest.approx(direct.tip_mm[0], abs=1e-6)
+
+
+@pytest.mark.parametrize("tilt_rad", [0.02, -0.02])
+def test_a_finger_that_leans_is_seen_larger_or_smaller_by_a_camera(
+    profiles: dict[str, Profile], tilt_rad: float
+) -> None:
+    """Beside the exact perspective of a camera at (60, 40, 220) mm; what is left is of the second order."""
+    finger, count = TrueFinger(profiles, 9), len(PULLS)
+    causes = Causes(finger.believed, finger.law, None, WATCHED)
+    own = OwnClosing(causes, np.zeros(len(causes.names)), PULLS, np.ones(count), np.zeros(3 * count))
+    tilt = next(one for one in hypotheses(own, Cause.STIFFNESS, 0.0) if one.cause is Cause.OUT_OF_PLANE)
+    tip, beside, distance = own.value[: 2 * count].reshape(-1, 2), np.array([60.0, 40.0]), 220.0
+    seen = np.array([seen_tilted(one, tilt_rad, np.array([*beside, distance])) for one in tip])
+    effect = tilt.effect(tilt_rad / distance * np.array([100.0, *beside]))
+    assert effect is not None
+    assert np.abs(seen - tip).max() > 0.2
+    assert effect[: 2 * count].reshape(-1, 2) == pytest.approx(seen - tip, abs=0.03)
+    assert not effect[2 * count :].any()
+
+
+@pytest.mark.parametrize("tilt_rad", [0.26, -0.26])
+def test_a_finger_mounted_out_of_its_plane_is_not_worn(profiles: dict[str, Profile], tilt_rad: float) -> None:
+    """15 degrees, seen by a camera 220 mm away."""
+    finger, watch = settled(profiles)
+    for _ in range(6):
+        closing = finger.close()
+        tilted = [
+            dataclasses.replace(one, tip_mm=seen_tilted(one.tip_mm, tilt_rad, np.array([60.0, 40.0, 220.0])))
+            for one in closing
+        ]
+        watch.add_closing(tuple(tilted), USUAL)
+        assert watch.judge()[0] is not WearVerdict.WORN
+    assert watch.diagnosis.causes[0] is Cause.OUT_OF_PLANE
 
 
 def test_how_a_closing_was_made_counts(profiles: dict[str, Profile]) -> None:

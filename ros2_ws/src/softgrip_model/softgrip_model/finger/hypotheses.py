@@ -51,7 +51,9 @@ _ZERO_SD_MM, _CABLE_SD_MM_PER_N = 0.6, 0.10
 _CAMERA_SD = (1.0, 1.0, 0.01, 0.015)  # x, y [mm], scale, turn [rad]
 # softer as one; from a closing's middle to its end; share of the mean tension that is missing all along
 _RELAXED_SD = (_STIFFNESS_SD, 0.05, 0.05)
-_PLANE_SD = 0.03  # share that y is foreshortened by: 14 degrees
+# out of plane: larger by so much a `_TILT_MM` of y, which 9 degrees are to a camera that is 0.22 m away; and along x
+# and y by so much of y, as the camera looks from beside the base, and y is foreshortened
+_PLANE_SD, _TILT_MM = (0.07, 0.04, 0.04), 100.0
 
 #: Gauss-Newton steps for a cause's amounts, and the change [prior deviations] at which they have settled.
 _MAX_STEPS, _SETTLED = 6, 0.02
@@ -289,23 +291,27 @@ def _read_differently(own: OwnClosing) -> Iterator[Hypothesis]:
     """Yield what leaves the finger as it is: the motor's gain, the camera's plane, a finger turned out of it."""
     tips = 2 * len(own.pulled_mm)
     x, y, tension = own.value[:tips:2], own.value[1:tips:2], own.value[tips:]
-    columns = np.zeros((len(own.value), 6))
+    columns = np.zeros((len(own.value), 8))
     columns[:tips:2, 0] = 1.0
     columns[1:tips:2, 1] = 1.0
     columns[:tips, 2] = own.value[:tips]
     columns[:tips:2, 3], columns[1:tips:2, 3] = -y, x
-    columns[1:tips:2, 4] = -y
-    columns[tips:, 5] = tension
+    columns[tips:, 4] = tension
+    # A finger that leans by a small angle a comes nearer to the camera by a y, and is seen larger about the point below
+    # it, (c, d) of a camera at a distance h: x (1 + a y / h) - c a y / h, y (1 + a y / h) - d a y / h.
+    columns[:tips:2, 5], columns[1:tips:2, 5] = x * y / _TILT_MM, y * y / _TILT_MM
+    columns[:tips:2, 6] = -y
+    columns[1:tips:2, 7] = -y
 
-    def linear(cause: Cause, place: slice, stddev: Sequence[float], words: str, sign: int = 0) -> Hypothesis:
+    def linear(cause: Cause, place: slice, stddev: Sequence[float], words: str) -> Hypothesis:
         def effect(amounts: Array) -> Array:
             return np.asarray(columns[:, place] @ amounts)
 
-        return Hypothesis(cause, np.array(stddev), effect, words, certain=effect, sign=sign)
+        return Hypothesis(cause, np.array(stddev), effect, words, certain=effect)
 
-    yield linear(Cause.TENSION_GAIN, slice(5, 6), (_GAIN_SD,), "{:+.0%}")
+    yield linear(Cause.TENSION_GAIN, slice(4, 5), (_GAIN_SD,), "{:+.0%}")
     yield linear(Cause.CAMERA, slice(0, 4), _CAMERA_SD, "x {:+.1f} mm, y {:+.1f} mm, scale {:+.1%}, turn {:+.3f} rad")
-    yield linear(Cause.OUT_OF_PLANE, slice(4, 5), (_PLANE_SD,), "{:+.1%} of y", sign=1)
+    yield linear(Cause.OUT_OF_PLANE, slice(5, 8), _PLANE_SD, f"seen {{:+.1%}} larger for {_TILT_MM:g} mm to its side")
 
 
 @dataclass(frozen=True, eq=False)
