@@ -22,7 +22,7 @@ from softgrip_driver.tendon.limits import TendonLimits
 from softgrip_driver.tendon.motions import DriveObservation, Motion
 
 #: what a fault of a tension that a gauge reads adds: its cut cable shows the same as a broken tendon
-GAUGE_HINT = " (look at the tendon: if it is whole and taut, the load cell's cable is cut, and that is to be mended)"
+GAUGE_HINT = " (look at the tendon: if it is whole and taut, the load cell's cable is cut, and that is to be repaired)"
 
 
 @dataclass(frozen=True)
